@@ -1,0 +1,143 @@
+//! Many lights laid out for vector units: the light that arrives at one surface point from each of them, LANES at a time.
+//!
+//! Falloff is KHR_lights_punctual's: inverse square, a smooth window at the range, a squared cosine ramp between the cones.
+//! GPU twin: `shaders/light.wgsl`.
+
+use glam::Vec3;
+
+use super::{Light, LightingCondition};
+use crate::math::{LANES, Rgb};
+
+/// Punctual lights in structure-of-arrays form, padded to whole blocks with lights that emit nothing.
+pub struct LightTable {
+    /// Lights that stand for something; the rest of the last block is padding.
+    pub len: usize,
+    blocks: Vec<LightBlock>,
+    colours: Vec<Rgb>,
+}
+
+/// LANES lights. Directional lights have `local` = 0 and `position` = the direction towards the light.
+#[repr(align(64))]
+#[derive(Clone)]
+struct LightBlock {
+    position: [[f32; LANES]; 3],
+    direction: [[f32; LANES]; 3],
+    /// 1 for point and spot, 0 for directional.
+    local: [f32; LANES],
+    /// 1/range⁴, 0 for an unbounded light.
+    inverse_range4: [f32; LANES],
+    /// Angular attenuation saturate(cos·scale + offset)²; scale 0 and offset 1 for a light without cone, both 0 for padding.
+    cone_scale: [f32; LANES],
+    cone_offset: [f32; LANES],
+}
+
+/// What LANES lights of unit colour send to a point.
+#[repr(align(64))]
+pub struct Arrival {
+    /// Unit vectors towards the lights.
+    pub direction: [[f32; LANES]; 3],
+    /// Vector from the point to the light, or as far as `far` metres for directional lights: the shadow ray's whole length.
+    pub segment: [[f32; LANES]; 3],
+    /// Irradiance over cos θ: what arrives on a surface that faces the light, without shadow.
+    pub normal_irradiance: [f32; LANES],
+    /// The same times max(cos θ, 0).
+    pub irradiance: [f32; LANES],
+}
+
+impl LightTable {
+    /// Lays out punctual lights; [`Light::Emissive`] becomes a padding entry (its light is found by the path tracer).
+    pub fn new<'a>(lights: impl IntoIterator<Item = &'a Light>) -> Self {
+        let lights: Vec<&Light> = lights.into_iter().collect();
+        let padding = LightBlock {
+            position: [[0.0; LANES]; 3],
+            direction: [[0.0; LANES], [0.0; LANES], [1.0; LANES]],
+            local: [1.0; LANES],
+            inverse_range4: [0.0; LANES],
+            cone_scale: [0.0; LANES],
+            cone_offset: [0.0; LANES],
+        };
+        let mut blocks = vec![padding; lights.len().div_ceil(LANES)];
+        for (i, light) in lights.iter().enumerate() {
+            let (block, lane) = (&mut blocks[i / LANES], i % LANES);
+            let mut set = |local: f32, position: Vec3, direction: Vec3, range: Option<f32>, cone: (f32, f32)| {
+                for axis in 0..3 {
+                    block.position[axis][lane] = position[axis];
+                    block.direction[axis][lane] = direction[axis];
+                }
+                block.local[lane] = local;
+                block.inverse_range4[lane] = range.map_or(0.0, |r| r.powi(-4));
+                (block.cone_scale[lane], block.cone_offset[lane]) = cone;
+            };
+            match **light {
+                Light::Point { position, range, .. } => set(1.0, position, Vec3::Z, range, (0.0, 1.0)),
+                Light::Spot { position, direction, range, inner_cone_angle, outer_cone_angle, .. } => {
+                    set(1.0, position, direction, range, cone_ramp(inner_cone_angle, outer_cone_angle));
+                }
+                Light::Directional { direction, .. } => set(0.0, -direction, Vec3::Z, None, (0.0, 1.0)),
+                Light::Emissive { .. } => {}
+            }
+        }
+        Self { len: lights.len(), blocks, colours: lights.iter().map(|l| l.radiant()).collect() }
+    }
+
+    /// All lights of all `conditions`, condition after condition.
+    pub fn from_conditions(conditions: &[LightingCondition]) -> Self {
+        Self::new(conditions.iter().flat_map(|c| &c.lights))
+    }
+
+    /// Blocks of LANES lights.
+    pub fn block_count(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// Colour times intensity of light `i`.
+    pub fn colour(&self, i: usize) -> Rgb {
+        self.colours[i]
+    }
+
+    /// What the lights of `block`, with unit colour, send to `point` with `normal` (METHOD eq. 2). Directional lights
+    /// lie `far` metres away, beyond all geometry.
+    #[inline]
+    pub fn arrive(&self, block: usize, point: Vec3, normal: Vec3, far: f32) -> Arrival {
+        let b = &self.blocks[block];
+        let mut out = Arrival {
+            direction: [[0.0; LANES]; 3],
+            segment: [[0.0; LANES]; 3],
+            normal_irradiance: [0.0; LANES],
+            irradiance: [0.0; LANES],
+        };
+        for i in 0..LANES {
+            let local = b.local[i];
+            let to_x = b.position[0][i] - local * point.x;
+            let to_y = b.position[1][i] - local * point.y;
+            let to_z = b.position[2][i] - local * point.z;
+            // Not closer than a tenth of a millimetre, so that a light on the surface stays finite.
+            let d2 = (to_x * to_x + to_y * to_y + to_z * to_z).max(1e-8);
+            let inverse_d = 1.0 / d2.sqrt();
+            let (wx, wy, wz) = (to_x * inverse_d, to_y * inverse_d, to_z * inverse_d);
+            let reach = local + (1.0 - local) * far;
+            let window = (1.0 - d2 * d2 * b.inverse_range4[i]).clamp(0.0, 1.0);
+            let falloff = local * window / d2 + (1.0 - local);
+            let cos_cone = -(wx * b.direction[0][i] + wy * b.direction[1][i] + wz * b.direction[2][i]);
+            let ramp = (cos_cone * b.cone_scale[i] + b.cone_offset[i]).clamp(0.0, 1.0);
+            let e = falloff * ramp * ramp;
+            let cos_surface = (wx * normal.x + wy * normal.y + wz * normal.z).max(0.0);
+            out.direction[0][i] = wx;
+            out.direction[1][i] = wy;
+            out.direction[2][i] = wz;
+            out.segment[0][i] = to_x * reach;
+            out.segment[1][i] = to_y * reach;
+            out.segment[2][i] = to_z * reach;
+            out.normal_irradiance[i] = e;
+            out.irradiance[i] = e * cos_surface;
+        }
+        out
+    }
+}
+
+/// Scale and offset of the ramp between the cones (KHR_lights_punctual, "Inner and Outer Cone Angles").
+pub fn cone_ramp(inner: f32, outer: f32) -> (f32, f32) {
+    // A cone narrower than this blurs less than a pixel; it keeps the ramp finite where the angles are equal.
+    let scale = 1.0 / (inner.cos() - outer.cos()).max(1e-4);
+    (scale, -outer.cos() * scale)
+}

@@ -1,0 +1,112 @@
+//! The trained model: what relights the asset. The file, and relighting on the CPU.
+
+use crate::math::Rgb;
+use crate::measure::MeasurementPoints;
+use crate::scene::Asset;
+use half::f16;
+
+/// Whether colour channels share the vectors or have vectors of their own (paper 5.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Channels {
+    /// Each channel is a vector of its own: one scalar basis, a transfer matrix for each channel.
+    Mono,
+    /// Channels are interleaved in one vector: a coloured basis, one transfer matrix.
+    Multi,
+}
+
+/// n basis elements over the lightmap, dilated into the gutter so that bilinear lookups inside a chart read only its own values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Basis {
+    /// Side of the square lightmap, texels.
+    pub size: usize,
+    pub elements: usize,
+    /// 1 for [`Channels::Mono`], 3 for [`Channels::Multi`].
+    pub components: usize,
+    /// `[element][component][y][x]`.
+    pub values: Vec<f16>,
+}
+
+/// From the direct vector x to the coefficients u (METHOD eq. 7).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Transfer {
+    pub channels: Channels,
+    /// n, the mean included where there is one.
+    pub elements: usize,
+    /// P.
+    pub points: usize,
+    /// Mono: three matrices (R, G, B) of `[element][point]`. Multi: one of `[element][3·point + channel]`.
+    pub matrices: Vec<Vec<f32>>,
+    /// Whether element 0 is the mean, whose coefficient is the norm of x (of the channel's x for mono) and whose matrix
+    /// row is zero (the paper's baseline).
+    pub mean_scaled_by_norm: bool,
+}
+
+/// A trained model, complete for relighting: nothing else needs to be read.
+#[derive(Clone, Debug)]
+pub struct Model {
+    pub asset: Asset,
+    pub points: MeasurementPoints,
+    pub basis: Basis,
+    pub transfer: Transfer,
+}
+
+impl Transfer {
+    /// u = M x: one coefficient per element and channel from the direct vector (one RGB per point).
+    /// GPU twin: `shaders/transfer.wgsl`.
+    pub fn coefficients(&self, direct: &[Rgb]) -> Vec<Rgb> {
+        assert_eq!(direct.len(), self.points, "direct vector of another point set");
+        let mut u = vec![Rgb::ZERO; self.elements];
+        match self.channels {
+            Channels::Mono => {
+                for (channel, matrix) in self.matrices.iter().enumerate() {
+                    for (row, u) in matrix.chunks_exact(self.points).zip(&mut u) {
+                        u[channel] = row.iter().zip(direct).map(|(m, x)| m * x[channel]).sum();
+                    }
+                }
+                if self.mean_scaled_by_norm {
+                    u[0] = direct.iter().map(|&x| x * x).sum::<Rgb>().map(f32::sqrt);
+                }
+            }
+            Channels::Multi => {
+                for (row, u) in self.matrices[0].chunks_exact(3 * self.points).zip(&mut u) {
+                    let sum: f32 = row.chunks_exact(3).zip(direct).map(|(m, x)| Rgb::from_slice(m).dot(*x)).sum();
+                    *u = Rgb::splat(sum);
+                }
+                if self.mean_scaled_by_norm {
+                    u[0] = Rgb::splat(direct.iter().map(|x| x.length_squared()).sum::<f32>().sqrt());
+                }
+            }
+        }
+        u
+    }
+}
+
+impl Basis {
+    /// Σⱼ uⱼ Uⱼ at texel (x, y): indirect irradiance.
+    pub fn texel(&self, x: usize, y: usize, coefficients: &[Rgb]) -> Rgb {
+        let plane = self.size * self.size;
+        let at = y * self.size + x;
+        coefficients
+            .iter()
+            .enumerate()
+            .map(|(element, &u)| {
+                let value =
+                    |component: usize| self.values[(element * self.components + component) * plane + at].to_f32();
+                if self.components == 1 { u * value(0) } else { u * Rgb::new(value(0), value(1), value(2)) }
+            })
+            .sum()
+    }
+
+    /// The same at lightmap coordinates in [0, 1]², bilinear between texel centres. GPU twin: `shaders/shade.wgsl`.
+    pub fn sample(&self, uv: glam::Vec2, coefficients: &[Rgb]) -> Rgb {
+        let p = uv * self.size as f32 - 0.5;
+        let base = p.floor();
+        let f = p - base;
+        let clamp = |x: f32| (x as i64).clamp(0, self.size as i64 - 1) as usize;
+        let texel = |dx: f32, dy: f32| self.texel(clamp(base.x + dx), clamp(base.y + dy), coefficients);
+        let top = texel(0.0, 0.0).lerp(texel(1.0, 0.0), f.x);
+        let bottom = texel(0.0, 1.0).lerp(texel(1.0, 1.0), f.x);
+        top.lerp(bottom, f.y)
+    }
+}

@@ -1,0 +1,386 @@
+//! Ray tracing against the asset's triangles: one ray to its closest hit, and packets of shadow rays that share an origin.
+//!
+//! Small meshes are tested whole, LANES triangles at a time; no tree beats that below about a hundred triangles. Larger
+//! ones go through obvhs: a compressed wide BVH (Ylitie, Karras, Laine, *Efficient Incoherent Ray Traversal on GPUs Through
+//! Compressed Wide BVHs*, 2017) for single rays, and the binary BVH for shadow packets.
+//!
+//! A triangle is hit where the signed volumes that the ray spans with its three edges agree in sign. Triangles that share
+//! an edge compute the same volume for it, so no ray slips between them.
+
+use glam::Vec3;
+use obvhs::bvh2::Bvh2;
+use obvhs::cwbvh::CwBvh;
+use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
+use obvhs::ray::{Ray, RayHit};
+use obvhs::triangle::Triangle;
+use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2_from_tris};
+
+use super::{Asset, Hit};
+use crate::math::LANES;
+
+/// Meshes of at most this many triangles are tested whole (measured by `benches/trace.rs`).
+const BRUTE_FORCE_LIMIT: usize = 128;
+
+/// Vectors from a point to LANES lights, structure of arrays.
+pub type Segments = [[f32; LANES]; 3];
+
+/// Traces rays against one asset.
+pub struct Tracer<'a> {
+    asset: &'a Asset,
+    triangles: Vec<Corners>,
+    /// Whether each triangle's material cuts out where alpha is low.
+    masked: Vec<bool>,
+    any_masked: bool,
+    structure: Structure,
+    /// Metres by which a ray's origin is moved off its surface.
+    pub offset: f32,
+    /// Metres: no segment between two points of the asset is longer.
+    pub extent: f32,
+}
+
+type Corners = [Vec3; 3];
+
+enum Structure {
+    Brute(Vec<TriangleBlock>),
+    Tree { wide: Box<CwBvh>, binary: Box<Bvh2> },
+}
+
+/// LANES triangles, structure of arrays: `[corner][axis][lane]`.
+#[repr(align(64))]
+struct TriangleBlock {
+    corners: [[[f32; LANES]; 3]; 3],
+}
+
+impl<'a> Tracer<'a> {
+    pub fn new(asset: &'a Asset) -> Self {
+        let mesh = &asset.mesh;
+        let triangles: Vec<Corners> = (0..mesh.triangles.len()).map(|t| mesh.triangle_positions(t)).collect();
+        let masked: Vec<bool> =
+            mesh.triangle_materials.iter().map(|&m| asset.materials[m as usize].alpha_cutoff.is_some()).collect();
+        let extent = mesh.bounds().diagonal();
+        let structure = if triangles.len() <= BRUTE_FORCE_LIMIT {
+            Structure::Brute(triangles.chunks(LANES).map(TriangleBlock::new).collect())
+        } else {
+            build_tree(&triangles)
+        };
+        Self {
+            asset,
+            any_masked: masked.contains(&true),
+            triangles,
+            masked,
+            structure,
+            // Positions carry a rounding error of about 1e-7 of the extent; this stays well above it and well below a texel.
+            offset: extent * 1e-5,
+            extent,
+        }
+    }
+
+    pub fn asset(&self) -> &'a Asset {
+        self.asset
+    }
+
+    /// The nearest hit with 0 < t < `t_max`.
+    pub fn closest_hit(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
+        let mut hit = Hit { t: t_max, triangle: u32::MAX, u: 0.0, v: 0.0 };
+        match &self.structure {
+            Structure::Brute(blocks) => {
+                for (i, block) in blocks.iter().enumerate() {
+                    block.closest(i * LANES, origin, direction, &mut hit, |h| self.solid(h));
+                }
+            }
+            Structure::Tree { wide, .. } => {
+                let ray = Ray::new(origin.into(), direction.into(), 0.0, t_max);
+                wide.ray_traverse(ray, &mut RayHit::none(), |ray, slot| {
+                    let triangle = wide.primitive_indices[slot];
+                    let candidate = intersect(&self.triangles[triangle as usize], origin, direction)
+                        .map(|(t, u, v)| Hit { t, triangle, u, v })
+                        .filter(|h| h.t < ray.tmax && self.solid(h));
+                    candidate.map_or(f32::INFINITY, |h| {
+                        hit = h;
+                        h.t
+                    })
+                });
+            }
+        }
+        (hit.triangle != u32::MAX).then_some(hit)
+    }
+
+    /// Whether anything lies on the open segment from `origin` along `segment`.
+    pub fn occluded(&self, origin: Vec3, segment: Vec3) -> bool {
+        match &self.structure {
+            Structure::Brute(_) => self.closest_hit(origin, segment, SEGMENT_END).is_some(),
+            Structure::Tree { wide, .. } => {
+                let ray = Ray::new(origin.into(), segment.into(), 0.0, SEGMENT_END);
+                !wide.ray_traverse_miss(ray, |ray, slot| {
+                    let triangle = wide.primitive_indices[slot];
+                    intersect(&self.triangles[triangle as usize], origin, segment)
+                        .map(|(t, u, v)| Hit { t, triangle, u, v })
+                        .filter(|h| h.t < ray.tmax && self.solid(h))
+                        .map_or(f32::INFINITY, |h| h.t)
+                })
+            }
+        }
+    }
+
+    /// Readies the tracer for shadow rays from `origin`.
+    pub fn shadow_rays(&self, origin: Vec3) -> ShadowRays<'_, 'a> {
+        let fans = match &self.structure {
+            Structure::Brute(_) => self.triangles.iter().map(|corners| Fan::new(corners, origin)).collect(),
+            Structure::Tree { .. } => Vec::new(),
+        };
+        ShadowRays { tracer: self, origin, fans }
+    }
+
+    /// Whether the material is present at a hit.
+    fn solid(&self, hit: &Hit) -> bool {
+        !self.masked[hit.triangle as usize] || !self.asset.is_cut_out(hit.triangle as usize, hit.u, hit.v)
+    }
+}
+
+/// A segment ends just before the light, so that a light on a surface is not hidden by it.
+const SEGMENT_END: f32 = 1.0 - 1e-4;
+
+fn build_tree(triangles: &[Corners]) -> Structure {
+    let boxes: Vec<Triangle> =
+        triangles.iter().map(|&[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() }).collect();
+    // The wide BVH takes at most three triangles a leaf.
+    let params = BvhBuildParams { max_prims_per_leaf: 3, ..BvhBuildParams::medium_build() };
+    let binary = build_bvh2_from_tris(&boxes, params, &mut Default::default());
+    let mut wide = bvh2_to_cwbvh(&binary, params.max_prims_per_leaf, true, false);
+    wide.order_children(&boxes, false);
+    Structure::Tree { wide: Box::new(wide), binary: Box::new(binary) }
+}
+
+/// Distance and barycentric coordinates (of the second and third corner) where the ray meets the triangle, if t > 0.
+#[inline]
+fn intersect(&[a, b, c]: &Corners, origin: Vec3, direction: Vec3) -> Option<(f32, f32, f32)> {
+    let (a, b, c) = (a - origin, b - origin, c - origin);
+    let wa = direction.dot(b.cross(c));
+    let wb = direction.dot(c.cross(a));
+    let wc = direction.dot(a.cross(b));
+    let sum = wa + wb + wc;
+    let inside = wa.min(wb).min(wc) >= 0.0 || wa.max(wb).max(wc) <= 0.0;
+    if !inside || sum == 0.0 {
+        return None;
+    }
+    let t = a.dot((b - a).cross(c - a)) / sum;
+    (t > 0.0).then(|| (t, wb / sum, wc / sum))
+}
+
+impl TriangleBlock {
+    fn new(triangles: &[Corners]) -> Self {
+        // Padding triangles are points at the origin: no ray has a positive volume with them.
+        let mut corners = [[[0.0; LANES]; 3]; 3];
+        for (lane, triangle) in triangles.iter().enumerate() {
+            for corner in 0..3 {
+                for axis in 0..3 {
+                    corners[corner][axis][lane] = triangle[corner][axis];
+                }
+            }
+        }
+        Self { corners }
+    }
+
+    /// Shortens `hit` to the nearest of these triangles for which `solid` holds.
+    #[inline]
+    fn closest(&self, first: usize, o: Vec3, d: Vec3, hit: &mut Hit, solid: impl Fn(&Hit) -> bool) {
+        let mut t = [0f32; LANES];
+        let (mut u, mut v) = ([0f32; LANES], [0f32; LANES]);
+        let [ca, cb, cc] = &self.corners;
+        for i in 0..LANES {
+            let (ax, ay, az) = (ca[0][i] - o.x, ca[1][i] - o.y, ca[2][i] - o.z);
+            let (bx, by, bz) = (cb[0][i] - o.x, cb[1][i] - o.y, cb[2][i] - o.z);
+            let (cx, cy, cz) = (cc[0][i] - o.x, cc[1][i] - o.y, cc[2][i] - o.z);
+            let wa = d.x * (by * cz - bz * cy) + d.y * (bz * cx - bx * cz) + d.z * (bx * cy - by * cx);
+            let wb = d.x * (cy * az - cz * ay) + d.y * (cz * ax - cx * az) + d.z * (cx * ay - cy * ax);
+            let wc = d.x * (ay * bz - az * by) + d.y * (az * bx - ax * bz) + d.z * (ax * by - ay * bx);
+            let sum = wa + wb + wc;
+            let (ex, ey, ez) = (bx - ax, by - ay, bz - az);
+            let (fx, fy, fz) = (cx - ax, cy - ay, cz - az);
+            let volume = ax * (ey * fz - ez * fy) + ay * (ez * fx - ex * fz) + az * (ex * fy - ey * fx);
+            let inside = (wa >= 0.0) & (wb >= 0.0) & (wc >= 0.0) | (wa <= 0.0) & (wb <= 0.0) & (wc <= 0.0);
+            let distance = volume / sum;
+            t[i] = if inside & (sum != 0.0) & (distance > 0.0) { distance } else { f32::INFINITY };
+            u[i] = wb / sum;
+            v[i] = wc / sum;
+        }
+        // Ties go to the first triangle.
+        for i in 0..LANES {
+            if t[i] < hit.t {
+                let candidate = Hit { t: t[i], triangle: (first + i) as u32, u: u[i], v: v[i] };
+                if solid(&candidate) {
+                    *hit = candidate;
+                }
+            }
+        }
+    }
+}
+
+/// A triangle as seen from one origin: the planes through the origin and each edge, facing inwards when the volume is positive.
+struct Fan {
+    planes: [Vec3; 3],
+    /// Six times the volume of the tetrahedron that the origin spans with the triangle.
+    volume: f32,
+}
+
+impl Fan {
+    #[inline]
+    fn new(&[a, b, c]: &Corners, origin: Vec3) -> Self {
+        let (a, b, c) = (a - origin, b - origin, c - origin);
+        Self { planes: [b.cross(c), c.cross(a), a.cross(b)], volume: a.dot((b - a).cross(c - a)) }
+    }
+
+    /// Lanes whose segment crosses the triangle.
+    #[inline]
+    fn blocks(&self, s: &Segments) -> u32 {
+        let [p, q, r] = &self.planes;
+        let mut blocked = [false; LANES];
+        for i in 0..LANES {
+            let (x, y, z) = (s[0][i], s[1][i], s[2][i]);
+            let wa = x * p.x + y * p.y + z * p.z;
+            let wb = x * q.x + y * q.y + z * q.z;
+            let wc = x * r.x + y * r.y + z * r.z;
+            let sum = wa + wb + wc;
+            let inside = (wa >= 0.0) & (wb >= 0.0) & (wc >= 0.0) | (wa <= 0.0) & (wb <= 0.0) & (wc <= 0.0);
+            // 0 < volume / sum < SEGMENT_END without dividing.
+            let near = self.volume * sum > 0.0;
+            blocked[i] = inside & near & (self.volume.abs() < SEGMENT_END * sum.abs());
+        }
+        mask_of(&blocked)
+    }
+}
+
+#[inline]
+fn mask_of(lanes: &[bool; LANES]) -> u32 {
+    lanes.iter().enumerate().fold(0, |mask, (i, &lane)| mask | (lane as u32) << i)
+}
+
+/// Shadow rays from one point, LANES at a time.
+pub struct ShadowRays<'t, 'a> {
+    tracer: &'t Tracer<'a>,
+    origin: Vec3,
+    /// Every triangle of a mesh that is tested whole.
+    fans: Vec<Fan>,
+}
+
+impl ShadowRays<'_, '_> {
+    /// The lanes of `active` whose segment nothing crosses.
+    #[inline]
+    pub fn unoccluded(&self, segments: &Segments, active: u32) -> u32 {
+        let mut open = active;
+        match &self.tracer.structure {
+            Structure::Brute(_) => {
+                for (triangle, fan) in self.fans.iter().enumerate() {
+                    open &= !self.blocked_by(triangle, fan, segments, open);
+                    if open == 0 {
+                        break;
+                    }
+                }
+            }
+            Structure::Tree { binary, .. } => {
+                traverse_packet(binary, self.origin, segments, &mut open, |slot, open| {
+                    let triangle = binary.primitive_indices[slot] as usize;
+                    let fan = Fan::new(&self.tracer.triangles[triangle], self.origin);
+                    self.blocked_by(triangle, &fan, segments, open)
+                });
+            }
+        }
+        open
+    }
+
+    #[inline]
+    fn blocked_by(&self, triangle: usize, fan: &Fan, segments: &Segments, open: u32) -> u32 {
+        let mut blocked = fan.blocks(segments) & open;
+        if self.tracer.any_masked && self.tracer.masked[triangle] && blocked != 0 {
+            for lane in lanes(blocked) {
+                let s = Vec3::new(segments[0][lane], segments[1][lane], segments[2][lane]);
+                let [wa, wb, wc] = fan.planes.map(|plane| plane.dot(s));
+                let sum = wa + wb + wc;
+                if self.tracer.asset.is_cut_out(triangle, wb / sum, wc / sum) {
+                    blocked &= !(1 << lane);
+                }
+            }
+        }
+        blocked
+    }
+}
+
+/// The set lanes of a mask, in order.
+#[inline]
+pub fn lanes(mut mask: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        (mask != 0).then(|| {
+            let lane = mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            lane
+        })
+    })
+}
+
+/// Trees are rarely deeper; a balanced one over 2³² triangles has 32 levels.
+const USUAL_DEPTH: usize = 96;
+
+/// Visits the leaves that open lanes reach; `blocked` is given a primitive slot and the open lanes and returns those that
+/// it blocks.
+fn traverse_packet(bvh: &Bvh2, origin: Vec3, segments: &Segments, open: &mut u32, blocked: impl Fn(usize, u32) -> u32) {
+    let mut inverse: Segments = [[0.0; LANES]; 3];
+    for axis in 0..3 {
+        for i in 0..LANES {
+            let d = segments[axis][i];
+            // A finite inverse, so that 0 · ∞ never makes a NaN.
+            inverse[axis][i] = 1.0 / d.abs().max(1e-20).copysign(d);
+        }
+    }
+    let enters = |node: usize, open: u32| -> u32 {
+        let aabb = &bvh.nodes[node].aabb;
+        let lo = Vec3::from(aabb.min) - origin;
+        let hi = Vec3::from(aabb.max) - origin;
+        let mut inside = [false; LANES];
+        for i in 0..LANES {
+            let (x0, x1) = (lo.x * inverse[0][i], hi.x * inverse[0][i]);
+            let (y0, y1) = (lo.y * inverse[1][i], hi.y * inverse[1][i]);
+            let (z0, z1) = (lo.z * inverse[2][i], hi.z * inverse[2][i]);
+            let near = x0.min(x1).max(y0.min(y1)).max(z0.min(z1)).max(0.0);
+            let far = x0.max(x1).min(y0.max(y1)).min(z0.max(z1)).min(1.0);
+            // Two roundings a side (Ize, Robust BVH Ray Traversal, 2013).
+            inside[i] = near <= far * 1.000_000_3;
+        }
+        mask_of(&inside) & open
+    };
+    let mut on_stack = [(0u32, 0u32); USUAL_DEPTH];
+    let mut on_heap;
+    let stack: &mut [(u32, u32)] = if bvh.max_depth.is_some_and(|depth| depth <= USUAL_DEPTH) {
+        &mut on_stack
+    } else {
+        on_heap = vec![(0, 0); bvh.nodes.len()];
+        &mut on_heap
+    };
+    let mut depth = 0;
+    let mut node = 0usize;
+    let mut reach = enters(0, *open);
+    loop {
+        reach &= *open;
+        if reach != 0 {
+            let n = &bvh.nodes[node];
+            if n.prim_count == 0 {
+                let (left, right) = (n.first_index as usize, n.first_index as usize + 1);
+                let (reach_left, reach_right) = (enters(left, reach), enters(right, reach));
+                if reach_right != 0 {
+                    stack[depth] = (right as u32, reach_right);
+                    depth += 1;
+                }
+                (node, reach) = (left, reach_left);
+                continue;
+            }
+            for slot in n.first_index..n.first_index + n.prim_count {
+                *open &= !blocked(slot as usize, reach & *open);
+            }
+        }
+        if depth == 0 || *open == 0 {
+            return;
+        }
+        depth -= 1;
+        node = stack[depth].0 as usize;
+        reach = stack[depth].1;
+    }
+}
