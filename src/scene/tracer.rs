@@ -349,10 +349,10 @@ fn traverse_packet(bvh: &Bvh2, origin: Vec3, segments: &Segments, open: &mut u32
     };
     let mut on_stack = [(0u32, 0u32); USUAL_DEPTH];
     let mut on_heap;
-    let stack: &mut [(u32, u32)] = if bvh.max_depth.is_some_and(|depth| depth <= USUAL_DEPTH) {
+    let stack: &mut [(u32, u32)] = if bvh.max_depth <= USUAL_DEPTH {
         &mut on_stack
     } else {
-        on_heap = vec![(0, 0); bvh.nodes.len()];
+        on_heap = vec![(0, 0); bvh.max_depth + 1];
         &mut on_heap
     };
     let mut depth = 0;
