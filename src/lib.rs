@@ -26,3 +26,5 @@ pub mod measure;
 pub mod model;
 pub mod progress;
 pub mod scene;
+pub mod dataset;
+pub mod transfer;

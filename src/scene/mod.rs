@@ -1,6 +1,7 @@
 //! The asset and its geometry: import (glTF, OBJ), materials, ray tracing, lightmap charts and texels.
 
 pub mod asset;
+pub mod bsdf;
 pub mod material;
 pub mod mesh;
 pub mod surface;
@@ -10,4 +11,4 @@ pub use asset::{Asset, Camera, PunctualKind, PunctualLight};
 pub use material::{Material, Reflectance, Texture, TextureRef};
 pub use mesh::{Aabb, Mesh};
 pub use surface::{Bsdf, Hit, Surface};
-pub use tracer::Tracer;
+pub use tracer::{ShadowRays, Tracer, lanes, mask_of};

@@ -15,7 +15,7 @@ use obvhs::ray::{Ray, RayHit};
 use obvhs::triangle::Triangle;
 use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2_from_tris};
 
-use super::{Asset, Hit};
+use super::{Aabb, Asset, Hit, Surface};
 use crate::math::LANES;
 
 /// Meshes of at most this many triangles are tested whole (measured by `benches/trace.rs`).
@@ -122,13 +122,20 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Readies the tracer for shadow rays from `origin`.
-    pub fn shadow_rays(&self, origin: Vec3) -> ShadowRays<'_, 'a> {
-        let fans = match &self.structure {
-            Structure::Brute(_) => self.triangles.iter().map(|corners| Fan::new(corners, origin)).collect(),
-            Structure::Tree { .. } => Vec::new(),
-        };
-        ShadowRays { tracer: self, origin, fans }
+    /// The surface at a hit of a ray along `direction`.
+    pub fn surface(&self, hit: &Hit, direction: Vec3) -> Surface {
+        self.asset.surface(hit.triangle as usize, hit.u, hit.v, direction)
+    }
+
+    /// Where a ray that leaves `surface` along `direction` starts: just off the surface, on the side that it leaves to.
+    pub fn leave(&self, surface: &Surface, direction: Vec3) -> Vec3 {
+        surface.position + surface.geometric_normal * self.offset.copysign(surface.geometric_normal.dot(direction))
+    }
+
+    /// Shadow rays against this asset, to be aimed from one point after another. `targets` bounds the lights that they go
+    /// to, `None` where some are infinitely far.
+    pub fn shadow_rays(&self, targets: Option<Aabb>) -> ShadowRays<'_, 'a> {
+        ShadowRays { tracer: self, targets, origin: Vec3::ZERO, fans: Vec::new() }
     }
 
     /// Whether the material is present at a hit.
@@ -230,6 +237,18 @@ impl Fan {
         Self { planes: [b.cross(c), c.cross(a), a.cross(b)], volume: a.dot((b - a).cross(c - a)) }
     }
 
+    /// Whether the triangle's plane has any of `targets` on the far side from the origin; if not, it hides none of them.
+    #[inline]
+    fn parts(&self, &[a, b, c]: &Corners, origin: Vec3, targets: &Aabb) -> bool {
+        let normal = (b - a).cross(c - a);
+        let centre = targets.centre() - a;
+        let reach = normal.abs().dot(targets.max - targets.min) * 0.5;
+        // The plane's signed distance is −volume at the origin, within `reach` of normal·centre over the targets.
+        let side = normal.dot(centre);
+        let slack = 1e-5 * normal.abs().dot(centre.abs() + (origin - a).abs());
+        if self.volume > 0.0 { side + reach + slack > 0.0 } else { side - reach - slack < 0.0 }
+    }
+
     /// Lanes whose segment crosses the triangle.
     #[inline]
     fn blocks(&self, s: &Segments) -> u32 {
@@ -250,28 +269,44 @@ impl Fan {
     }
 }
 
+/// Bit i is set where lane i is.
 #[inline]
-fn mask_of(lanes: &[bool; LANES]) -> u32 {
+pub fn mask_of(lanes: &[bool; LANES]) -> u32 {
     lanes.iter().enumerate().fold(0, |mask, (i, &lane)| mask | (lane as u32) << i)
 }
 
 /// Shadow rays from one point, LANES at a time.
 pub struct ShadowRays<'t, 'a> {
     tracer: &'t Tracer<'a>,
+    targets: Option<Aabb>,
     origin: Vec3,
-    /// Every triangle of a mesh that is tested whole.
-    fans: Vec<Fan>,
+    /// The triangles that can lie between the origin and a target, for a mesh that is tested whole.
+    fans: Vec<(u32, Fan)>,
 }
 
 impl ShadowRays<'_, '_> {
+    /// Moves the common origin.
+    pub fn start_from(&mut self, origin: Vec3) {
+        self.origin = origin;
+        if let Structure::Brute(_) = &self.tracer.structure {
+            self.fans.clear();
+            for (triangle, corners) in self.tracer.triangles.iter().enumerate() {
+                let fan = Fan::new(corners, origin);
+                if self.targets.is_none_or(|targets| fan.parts(corners, origin, &targets)) {
+                    self.fans.push((triangle as u32, fan));
+                }
+            }
+        }
+    }
+
     /// The lanes of `active` whose segment nothing crosses.
     #[inline]
     pub fn unoccluded(&self, segments: &Segments, active: u32) -> u32 {
         let mut open = active;
         match &self.tracer.structure {
             Structure::Brute(_) => {
-                for (triangle, fan) in self.fans.iter().enumerate() {
-                    open &= !self.blocked_by(triangle, fan, segments, open);
+                for (triangle, fan) in &self.fans {
+                    open &= !self.blocked_by(*triangle as usize, fan, segments, open);
                     if open == 0 {
                         break;
                     }

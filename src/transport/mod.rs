@@ -1,0 +1,10 @@
+//! The path tracer: paths that all lighting conditions share, and what is collected along them.
+
+pub mod bake;
+pub mod conditions;
+pub mod emitters;
+pub mod path;
+
+pub use bake::{BakeError, BakeSettings, Baked, bake};
+pub use emitters::Emitters;
+pub use path::{Collector, Walk};
