@@ -1,5 +1,11 @@
 //! The trained model: what relights the asset. The file, and relighting on the CPU.
 
+pub mod file;
+pub mod record;
+
+pub use file::ModelFileError;
+pub use record::{HeldOut, TrainingRecord};
+
 use crate::math::Rgb;
 use crate::measure::MeasurementPoints;
 use crate::scene::Asset;
@@ -49,6 +55,7 @@ pub struct Model {
     pub points: MeasurementPoints,
     pub basis: Basis,
     pub transfer: Transfer,
+    pub record: TrainingRecord,
 }
 
 impl Transfer {

@@ -20,7 +20,7 @@ pub struct Asset {
 }
 
 /// A light of KHR_lights_punctual.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PunctualLight {
     pub name: String,
     pub kind: PunctualKind,
@@ -34,7 +34,8 @@ pub struct PunctualLight {
 }
 
 /// The kinds of KHR_lights_punctual. Angles in radians from the axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum PunctualKind {
     Point,
     Spot { inner_cone_angle: f32, outer_cone_angle: f32 },

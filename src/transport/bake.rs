@@ -1,5 +1,6 @@
 //! The bake: indirect irradiance of every lightmap texel under every lighting condition (the matrix I; METHOD eq. 3).
 
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::conditions::LightSums;
@@ -7,7 +8,7 @@ use super::{Emitters, Walk};
 use crate::light::{Light, LightTable, LightingCondition};
 use crate::math::{Rgb, Sampler};
 use crate::progress::Progress;
-use crate::scene::{Lightmap, Tracer};
+use crate::scene::{Asset, Lightmap, Surface, TexelSampler, Tracer};
 
 /// How the bake samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,8 +18,6 @@ pub struct BakeSettings {
     /// Reflections after which a path ends whatever it carries.
     pub max_bounces: u32,
     pub seed: u64,
-    /// Whether the light that arrives without reflection is wanted, too.
-    pub direct: bool,
 }
 
 /// Irradiance of T texels under N conditions.
@@ -27,8 +26,6 @@ pub struct Baked {
     pub conditions: usize,
     /// `[texel][channel][condition]`: irradiance that arrives after at least one reflection, in the lights' unit (lux).
     pub indirect: Vec<f32>,
-    /// The same without reflection; empty unless asked for.
-    pub direct: Vec<f32>,
     /// Per condition, the relative RMSE that is the estimate's own noise, from the difference between the two halves of the
     /// paths (area weighted, over texels and channels).
     pub noise: Vec<f32>,
@@ -58,62 +55,40 @@ pub fn bake(
     progress: &dyn Progress,
 ) -> Result<Baked, BakeError> {
     let table = LightTable::from_conditions(conditions);
-    let wants_emission = conditions.iter().flat_map(|c| &c.lights).any(|l| matches!(l, Light::Emissive { .. }));
-    let emitters = if wants_emission { Emitters::new(tracer.asset()) } else { None };
+    let mixer = Mixer::new(conditions, &table);
+    let emitters = if mixer.wants_emission() { Emitters::new(tracer.asset()) } else { None };
     let walk = Walk { tracer, emitters: emitters.as_ref(), max_bounces: settings.max_bounces };
     let n = conditions.len();
     let row = 3 * n;
-    let mixer = Mixer::new(conditions, &table);
 
     let mut indirect = vec![0f32; lightmap.texels.len() * row];
-    let mut direct = vec![0f32; if settings.direct { indirect.len() } else { 0 }];
     progress.begin("bake", lightmap.texels.len() as u64, "texels");
-    let direct_chunks: Vec<&mut [f32]> = if settings.direct {
-        direct.chunks_mut(CHUNK * row).collect()
-    } else {
-        (0..lightmap.texels.len().div_ceil(CHUNK)).map(|_| &mut [][..]).collect()
-    };
     // Each chunk's share of the noise is kept apart and summed in order, so that rounding does not depend on the threads.
     let shares: Vec<Noise> = indirect
-        .par_chunks_mut(CHUNK * row)
-        .zip(direct_chunks)
+        .par_chunks_mut((CHUNK * row).max(1))
         .enumerate()
         .map_init(
             || (LightSums::new(&table, tracer), vec![0f32; row]),
-            |(sums, first_half), (chunk, (rows, direct_rows))| {
+            |(sums, first_half), (chunk, rows)| {
                 let mut noise = Noise::new(n);
                 for (i, out) in rows.chunks_mut(row).enumerate() {
                     if progress.cancelled() {
                         return noise;
                     }
                     let texel = chunk * CHUNK + i;
-                    let points = lightmap.sampler(&tracer.asset().mesh, texel);
+                    let receivers = Receivers::new(tracer, lightmap, texel);
                     let index = lightmap.texels[texel].index as u64;
-                    let surface_of = |u: [f32; 2]| {
-                        let point = points.sample(u);
-                        tracer.asset().surface(point.triangle as usize, point.u, point.v, glam::Vec3::ZERO)
-                    };
                     sums.clear();
                     for path in 0..settings.paths {
                         let mut sampler = Sampler::new(settings.seed, index, path);
                         let [u0, u1, u2, u3] = sampler.next_4d();
-                        walk.from_receiver(&surface_of([u0, u1]), glam::Vec2::new(u2, u3), &mut sampler, sums);
+                        walk.from_receiver(&receivers.at([u0, u1]), Vec2::new(u2, u3), &mut sampler, sums);
                         if path + 1 == settings.paths / 2 {
                             mixer.mix(sums.sums(), sums.emission, 1.0 / (path + 1) as f32, first_half);
                         }
                     }
                     mixer.mix(sums.sums(), sums.emission, 1.0 / settings.paths as f32, out);
                     noise.add(out, first_half, settings.paths, lightmap.texels[texel].area);
-                    if settings.direct {
-                        let emission = sums.direct_emission / settings.paths as f32;
-                        sums.clear();
-                        let samples = settings.paths.min(MAX_DIRECT_SAMPLES);
-                        for sample in 0..samples {
-                            let [u0, u1, ..] = Sampler::new(settings.seed, index, sample).next_4d();
-                            sums.add_direct(&surface_of([u0, u1]), 1.0 / samples as f32);
-                        }
-                        mixer.mix(sums.sums(), emission, 1.0, &mut direct_rows[i * row..(i + 1) * row]);
-                    }
                     progress.advance(1);
                 }
                 noise
@@ -126,11 +101,72 @@ pub fn bake(
     }
     let mut noise = Noise::new(n);
     shares.iter().for_each(|share| noise.merge(share));
-    Ok(Baked { conditions: n, indirect, direct, noise: noise.relative_rmse() })
+    Ok(Baked { conditions: n, indirect, noise: noise.relative_rmse() })
 }
 
-/// Direct light varies inside a texel only with its position; this many positions are plenty.
-const MAX_DIRECT_SAMPLES: u32 = 64;
+/// Positions per texel at which its direct light is evaluated: enough to smooth a shadow's edge inside it.
+const DIRECT_SAMPLES: u32 = 64;
+
+/// Irradiance that arrives without reflection at every texel: `[texel][channel][condition]`, deterministic like [`bake`].
+///
+/// # Errors
+/// [`BakeError::Cancelled`] when `progress` says so.
+pub fn bake_direct(
+    tracer: &Tracer,
+    lightmap: &Lightmap,
+    conditions: &[LightingCondition],
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<Vec<f32>, BakeError> {
+    let table = LightTable::from_conditions(conditions);
+    let mixer = Mixer::new(conditions, &table);
+    let emitters = if mixer.wants_emission() { Emitters::new(tracer.asset()) } else { None };
+    let walk = Walk { tracer, emitters: emitters.as_ref(), max_bounces: 0 };
+    let row = 3 * conditions.len();
+    let mut direct = vec![0f32; lightmap.texels.len() * row];
+    progress.begin("direct", lightmap.texels.len() as u64, "texels");
+    direct.par_chunks_mut(row.max(1)).enumerate().for_each_init(
+        || LightSums::new(&table, tracer),
+        |sums, (texel, out)| {
+            if progress.cancelled() {
+                return;
+            }
+            let receivers = Receivers::new(tracer, lightmap, texel);
+            sums.clear();
+            for sample in 0..DIRECT_SAMPLES {
+                let mut sampler = Sampler::new(seed, lightmap.texels[texel].index as u64, sample);
+                let [u0, u1, u2, u3] = sampler.next_4d();
+                let receiver = receivers.at([u0, u1]);
+                sums.add_direct(&receiver);
+                if emitters.is_some() {
+                    walk.from_receiver(&receiver, Vec2::new(u2, u3), &mut sampler, sums);
+                }
+            }
+            mixer.mix(sums.sums(), sums.direct_emission, 1.0 / DIRECT_SAMPLES as f32, out);
+            progress.advance(1);
+        },
+    );
+    progress.end();
+    if progress.cancelled() { Err(BakeError::Cancelled) } else { Ok(direct) }
+}
+
+/// Surface points inside one texel.
+struct Receivers<'l, 'a> {
+    asset: &'a Asset,
+    points: TexelSampler<'l>,
+}
+
+impl<'l, 'a> Receivers<'l, 'a> {
+    fn new(tracer: &Tracer<'a>, lightmap: &'l Lightmap, texel: usize) -> Self {
+        Self { asset: tracer.asset(), points: lightmap.sampler(&tracer.asset().mesh, texel) }
+    }
+
+    /// The front of the surface at a point uniform by area.
+    fn at(&self, u: [f32; 2]) -> Surface {
+        let point = self.points.sample(u);
+        self.asset.surface(point.triangle as usize, point.u, point.v, Vec3::ZERO)
+    }
+}
 
 /// From sums per light of unit colour to values per condition.
 struct Mixer<'t> {
@@ -148,6 +184,11 @@ impl<'t> Mixer<'t> {
         let lights = conditions.iter().flat_map(|c| &c.lights).enumerate();
         let punctual = lights.filter(|(_, l)| !matches!(l, Light::Emissive { .. })).map(|(i, _)| i).collect();
         Self { table, emission, punctual }
+    }
+
+    /// Whether any condition has the asset's own emission.
+    fn wants_emission(&self) -> bool {
+        self.emission.iter().any(|&scale| scale != 0.0)
     }
 
     /// Writes `[channel][condition]`.

@@ -41,12 +41,12 @@ impl<'t, 'a> LightSums<'t, 'a> {
         (self.emission, self.direct_emission) = (Rgb::ZERO, Rgb::ZERO);
     }
 
-    /// Adds the light that arrives at the receiver itself, `weight` times.
-    pub fn add_direct(&mut self, receiver: &Surface, weight: f32) {
+    /// Adds the light that arrives at the receiver itself.
+    pub fn add_direct(&mut self, receiver: &Surface) {
         let sums = &mut self.sums;
         self.gather.gather(receiver, |a| {
             for i in lanes(a.open) {
-                sums[a.light[i] as usize] += weight * a.irradiance[i];
+                sums[a.light[i] as usize] += a.irradiance[i];
             }
         });
     }

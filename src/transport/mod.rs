@@ -5,6 +5,6 @@ pub mod conditions;
 pub mod emitters;
 pub mod path;
 
-pub use bake::{BakeError, BakeSettings, Baked, bake};
+pub use bake::{BakeError, BakeSettings, Baked, bake, bake_direct};
 pub use emitters::Emitters;
 pub use path::{Collector, Walk};
