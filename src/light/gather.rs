@@ -89,4 +89,3 @@ impl<'t, 'a> LightGather<'t, 'a> {
         p.len = 0;
     }
 }
-

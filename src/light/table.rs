@@ -56,7 +56,10 @@ impl LightTable {
 
     /// Lays out all lights of all `conditions`, condition after condition.
     pub fn from_conditions(conditions: &[LightingCondition]) -> Self {
-        let lights = conditions.iter().enumerate().flat_map(|(c, condition)| condition.lights.iter().map(move |l| (c as u32, l)));
+        let lights = conditions
+            .iter()
+            .enumerate()
+            .flat_map(|(c, condition)| condition.lights.iter().map(move |l| (c as u32, l)));
         Self::lay_out(lights.collect(), conditions.len())
     }
 

@@ -58,9 +58,8 @@ impl MeasurementPoints {
         }
 
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
-        let candidates: Vec<MeasurementPoint> = (0..dense * CANDIDATES_PER_SAMPLE)
-            .map(|_| random_point(asset, &cumulative, area, &mut rng))
-            .collect();
+        let candidates: Vec<MeasurementPoint> =
+            (0..dense * CANDIDATES_PER_SAMPLE).map(|_| random_point(asset, &cumulative, area, &mut rng)).collect();
         let kept = eliminate(&candidates, dense, area as f32);
         let sub_points: Vec<MeasurementPoint> = kept.iter().map(|&i| candidates[i]).collect();
         let points: Vec<MeasurementPoint> =
@@ -110,7 +109,8 @@ fn eliminate(samples: &[MeasurementPoint], keep: usize, area: f32) -> Vec<usize>
     let around = |i: usize| {
         let cell = cell_of(samples[i].position);
         let cells = &cells;
-        (-1..=1).flat_map(move |x| (-1..=1).flat_map(move |y| (-1..=1).map(move |z| cell + IVec3::new(x, y, z))))
+        (-1..=1)
+            .flat_map(move |x| (-1..=1).flat_map(move |y| (-1..=1).map(move |z| cell + IVec3::new(x, y, z))))
             .filter_map(move |cell| cells.get(&cell))
             .flatten()
             .map(|&j| j as usize)

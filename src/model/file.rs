@@ -2,7 +2,6 @@
 //! `safetensors.numpy.load_file`. `docs/FORMAT.md` lists the tensors.
 
 use std::collections::HashMap;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use bytemuck::Pod;
@@ -13,6 +12,7 @@ use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 
 use super::{Basis, Channels, Model, TrainingRecord, Transfer};
+use crate::files::write_whole;
 use crate::measure::{MeasurementPoint, MeasurementPoints};
 use crate::scene::material::Wrap;
 use crate::scene::{Asset, Camera, Material, Mesh, PunctualLight, Texture};
@@ -73,22 +73,13 @@ fn vectors(name: impl Into<String>, values: &[Vec3]) -> Tensor {
 }
 
 impl Model {
-    /// Writes the model beside `path` and renames it into place. Returns its size in bytes.
+    /// Writes the model. Returns its size in bytes.
     ///
     /// # Errors
     /// [`ModelFileError::Write`] when the folder cannot be made or written to.
     pub fn save(&self, path: &Path) -> Result<u64, ModelFileError> {
         let bytes = self.to_bytes();
-        let write = || -> std::io::Result<()> {
-            let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-            std::fs::create_dir_all(folder)?;
-            let mut file = tempfile::NamedTempFile::new_in(folder)?;
-            file.write_all(&bytes)?;
-            file.as_file().sync_all()?;
-            file.persist(path)?;
-            Ok(())
-        };
-        write().map_err(|source| ModelFileError::Write { path: path.to_owned(), source })?;
+        write_whole(path, &bytes).map_err(|source| ModelFileError::Write { path: path.to_owned(), source })?;
         Ok(bytes.len() as u64)
     }
 
@@ -115,12 +106,7 @@ impl Model {
             vectors("mesh.normals", &mesh.normals),
             tensor("mesh.lightmap_uvs", Dtype::F32, &[mesh.lightmap_uvs.len(), 2], &mesh.lightmap_uvs),
             tensor("mesh.triangles", Dtype::U32, &[mesh.triangles.len(), 3], &triangles),
-            tensor(
-                "mesh.triangle_materials",
-                Dtype::U32,
-                &[mesh.triangle_materials.len()],
-                &mesh.triangle_materials,
-            ),
+            tensor("mesh.triangle_materials", Dtype::U32, &[mesh.triangle_materials.len()], &mesh.triangle_materials),
         ];
         for (set, uvs) in mesh.uvs.iter().enumerate().filter(|(_, uvs)| !uvs.is_empty()) {
             tensors.push(tensor(format!("mesh.uvs.{set}"), Dtype::F32, &[uvs.len(), 2], uvs));

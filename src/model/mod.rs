@@ -12,7 +12,7 @@ use crate::scene::Asset;
 use half::f16;
 
 /// Whether colour channels share the vectors or have vectors of their own (paper 5.2).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Channels {
     /// Each channel is a vector of its own: one scalar basis, a transfer matrix for each channel.

@@ -8,8 +8,8 @@ use faer::Mat;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::fit::{Fit, direct_vector, groups, product};
 use super::Gram;
+use super::fit::{Fit, direct_vector, groups, product};
 use crate::dataset::Dataset;
 
 /// Relative RMSE per held-out condition, as fractions.

@@ -15,7 +15,7 @@ use crate::dataset::Dataset;
 use crate::model::{Channels, Transfer};
 
 /// How basis and transfer are fitted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     Belcour,
@@ -237,7 +237,10 @@ impl Fit {
             element.iter_mut().for_each(|v| *v = (*v as f64 / scale) as f32);
         }
         let row_major = |m: &Mat<f64>| -> Vec<f32> {
-            (0..m.nrows()).flat_map(|r| (0..m.ncols()).map(move |c| (m[(r, c)], r))).map(|(v, r)| (v * scales[r]) as f32).collect()
+            (0..m.nrows())
+                .flat_map(|r| (0..m.ncols()).map(move |c| (m[(r, c)], r)))
+                .map(|(v, r)| (v * scales[r]) as f32)
+                .collect()
         };
         let transfer = Transfer {
             channels: self.settings.channels,
@@ -257,22 +260,25 @@ impl Fit {
         let components = if mono { 1 } else { 3 };
         // Texel-major first, since I is; then transposed.
         let mut by_texel = vec![0f32; texels * elements * components];
-        by_texel.par_chunks_mut((elements * components).max(1)).zip(dataset.indirect.par_chunks(3 * conditions)).for_each_init(
-            || vec![0f64; elements * components],
-            |sum, (out, row)| {
-                sum.fill(0.0);
-                for channel in 0..3 {
-                    for (k, &condition) in self.kept.iter().enumerate() {
-                        let value = row[channel * conditions + condition] as f64;
-                        let (v, component) = if mono { (channel * n + k, 0) } else { (k, channel) };
-                        for j in 0..elements {
-                            sum[j * components + component] += value * self.combination[(v, j)];
+        by_texel
+            .par_chunks_mut((elements * components).max(1))
+            .zip(dataset.indirect.par_chunks(3 * conditions))
+            .for_each_init(
+                || vec![0f64; elements * components],
+                |sum, (out, row)| {
+                    sum.fill(0.0);
+                    for channel in 0..3 {
+                        for (k, &condition) in self.kept.iter().enumerate() {
+                            let value = row[channel * conditions + condition] as f64;
+                            let (v, component) = if mono { (channel * n + k, 0) } else { (k, channel) };
+                            for j in 0..elements {
+                                sum[j * components + component] += value * self.combination[(v, j)];
+                            }
                         }
                     }
-                }
-                out.iter_mut().zip(&*sum).for_each(|(out, &s)| *out = s as f32);
-            },
-        );
+                    out.iter_mut().zip(&*sum).for_each(|(out, &s)| *out = s as f32);
+                },
+            );
         let stride = elements * components;
         (0..stride).flat_map(|e| (0..texels).map(move |t| t * stride + e)).map(|i| by_texel[i]).collect()
     }

@@ -31,10 +31,8 @@ impl Gram {
         let n = dataset.conditions.len();
         let width = 3 * n;
         // A block of columns holds the rows on and below its first diagonal entry: the lower triangle, in column blocks.
-        let mut blocks: Vec<Mat<f64>> = (0..width)
-            .step_by(COLUMNS)
-            .map(|start| Mat::zeros(width - start, COLUMNS.min(width - start)))
-            .collect();
+        let mut blocks: Vec<Mat<f64>> =
+            (0..width).step_by(COLUMNS).map(|start| Mat::zeros(width - start, COLUMNS.min(width - start))).collect();
         let mut tile = vec![0f64; ROWS * width];
         progress.begin("gram", dataset.texels() as u64, "texels");
         for (rows, areas) in dataset.indirect.chunks(ROWS * width.max(1)).zip(dataset.texel_areas.chunks(ROWS)) {

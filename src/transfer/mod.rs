@@ -10,12 +10,14 @@ pub mod gram;
 pub mod ridge;
 
 pub use error::{ErrorSummary, HeldOutErrors};
-pub use fit::{Fit, Lambda, Method, TrainSettings};
+pub use fit::{Fit, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings};
 pub use gram::Gram;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TransferError {
-    #[error("{kept} of {all} training conditions light both the measurement points and the lightmap; {elements} basis elements need at least {elements}; bake more conditions or ask for fewer elements (--basis)")]
+    #[error(
+        "{kept} of {all} training conditions light both the measurement points and the lightmap; {elements} basis elements need at least {elements}; bake more conditions or ask for fewer elements (--basis)"
+    )]
     TooFewConditions { kept: usize, all: usize, elements: usize },
     #[error("the {what} holds a value that is not finite; the dataset is damaged")]
     NotFinite { what: &'static str },

@@ -30,13 +30,12 @@ impl Ridge {
         let small = if wide { direct * direct.transpose() } else { direct.transpose() * direct };
         let (values, vectors) = eigen_descending(small.as_ref())?;
         let largest = values.first().copied().unwrap_or(0.0).max(0.0).sqrt();
-        let singular_values: Vec<f64> = values
-            .iter()
-            .map(|v| v.max(0.0).sqrt())
-            .take_while(|&s| s > 0.0 && s > largest * RANK_TOLERANCE)
-            .collect();
+        let singular_values: Vec<f64> =
+            values.iter().map(|v| v.max(0.0).sqrt()).take_while(|&s| s > 0.0 && s > largest * RANK_TOLERANCE).collect();
         let kept = vectors.get(.., ..singular_values.len()).to_owned();
-        let other = |product: Mat<f64>| Mat::from_fn(product.nrows(), product.ncols(), |i, j| product[(i, j)] / singular_values[j]);
+        let other = |product: Mat<f64>| {
+            Mat::from_fn(product.nrows(), product.ncols(), |i, j| product[(i, j)] / singular_values[j])
+        };
         let (left, right) = if wide {
             let right = other(direct.transpose() * &kept);
             (kept, right)
