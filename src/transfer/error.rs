@@ -1,4 +1,4 @@
-//! How far a fit is from the truth on lights that it has never seen (METHOD eq. 8): per condition
+//! How far a fit is from the truth on lights that it has never seen (METHOD eq. 9): per condition
 //! sqrt(Σ a |i − î|²) / sqrt(Σ a |i|²) over texels (area a) and channels, and the same for the oracle, which is the true
 //! lightmap projected on the basis.
 //!
