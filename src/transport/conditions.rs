@@ -50,14 +50,21 @@ impl<'t, 'a> LightSums<'t, 'a> {
             }
         });
     }
-}
 
-impl Collector for LightSums<'_, '_> {
+    /// Adds what `surface` reflects of the lights towards `to_previous`, times `throughput`.
     #[inline]
-    fn vertex(&mut self, surface: &Surface, to_previous: Vec3, throughput: Rgb, _bounces: u32) {
+    pub fn reflect_lights(&mut self, surface: &Surface, to_previous: Vec3, throughput: Rgb) {
         let bsdf = surface.bsdf;
         let sums = &mut self.sums;
-        if !bsdf.specular {
+        if bsdf.specular {
+            self.gather.gather(surface, |a| {
+                for i in lanes(a.open) {
+                    let to_light = Vec3::new(a.direction[0][i], a.direction[1][i], a.direction[2][i]);
+                    let f = bsdf.evaluate(surface.normal, to_previous, to_light);
+                    sums[a.light[i] as usize] += throughput * f * a.irradiance[i];
+                }
+            });
+        } else {
             let factor = throughput * bsdf.diffuse * FRAC_1_PI;
             if factor == Rgb::ZERO {
                 return;
@@ -67,15 +74,14 @@ impl Collector for LightSums<'_, '_> {
                     sums[a.light[i] as usize] += factor * a.irradiance[i];
                 }
             });
-        } else {
-            self.gather.gather(surface, |a| {
-                for i in lanes(a.open) {
-                    let to_light = Vec3::new(a.direction[0][i], a.direction[1][i], a.direction[2][i]);
-                    let f = bsdf.evaluate(surface.normal, to_previous, to_light);
-                    sums[a.light[i] as usize] += throughput * f * a.irradiance[i];
-                }
-            });
         }
+    }
+}
+
+impl Collector for LightSums<'_, '_> {
+    #[inline]
+    fn vertex(&mut self, surface: &Surface, to_previous: Vec3, throughput: Rgb, _bounces: u32) {
+        self.reflect_lights(surface, to_previous, throughput);
     }
 
     fn emission(&mut self, irradiance: Rgb, bounces: u32) {

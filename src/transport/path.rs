@@ -42,14 +42,12 @@ impl Walk<'_, '_> {
     pub fn from_receiver(&self, from: &Surface, u: Vec2, sampler: &mut Sampler, collector: &mut impl Collector) {
         let direction = Frame::from_normal(from.normal).world_from_local(warp::sample_cosine_hemisphere(u));
         let throughput = Vec3::splat(std::f32::consts::PI);
-        if let Some(emitters) = self.emitters {
-            let (light, u) = (emitters, sampler.next_4d());
-            let to_light = light.sample(self.tracer, from, u);
-            if let Some(to_light) = to_light {
-                let cos = to_light.direction.dot(from.normal).max(0.0);
-                let pdf = warp::pdf_cosine_hemisphere(cos);
-                collector.emission(to_light.radiance_over_pdf * cos * to_light.weight_against(pdf), 0);
-            }
+        if let Some(emitters) = self.emitters
+            && let Some(to_light) = emitters.sample(self.tracer, from, sampler.next_4d())
+        {
+            let cos = to_light.direction.dot(from.normal).max(0.0);
+            let weight = to_light.weight_against(warp::pdf_cosine_hemisphere(cos));
+            collector.emission(to_light.radiance_over_pdf * cos * weight, 0);
         }
         // A shading normal opens its hemisphere below the surface, too; there is nothing to see there.
         if direction.dot(from.geometric_normal) <= 0.0 {
@@ -87,14 +85,7 @@ impl Walk<'_, '_> {
                 return;
             }
             collector.vertex(&surface, -direction, throughput, bounces);
-            if let Some(emitters) = self.emitters
-                && let Some(to_light) = emitters.sample(self.tracer, &surface, sampler.next_4d())
-            {
-                let cos = to_light.direction.dot(surface.normal).max(0.0);
-                let reflected = surface.bsdf.evaluate(surface.normal, -direction, to_light.direction) * cos;
-                let weight = to_light.weight_against(surface.bsdf.pdf(surface.normal, -direction, to_light.direction));
-                collector.emission(throughput * reflected * to_light.radiance_over_pdf * weight, bounces + 1);
-            }
+            self.reflect_emission(&surface, -direction, throughput, bounces + 1, sampler, collector);
 
             let u = sampler.next_4d();
             let Some(sampled) = surface.bsdf.sample(surface.normal, -direction, u) else { return };
@@ -115,6 +106,27 @@ impl Walk<'_, '_> {
             }
             origin = self.tracer.leave(&surface, sampled.direction);
             (direction, pdf) = (sampled.direction, sampled.pdf);
+        }
+    }
+
+    /// Next-event estimation of the asset's emission: what a random emitter sends to `surface` and it reflects towards
+    /// `to_previous`, times `throughput`, is told as light after `bounces` reflections.
+    pub fn reflect_emission(
+        &self,
+        surface: &Surface,
+        to_previous: Vec3,
+        throughput: Rgb,
+        bounces: u32,
+        sampler: &mut Sampler,
+        collector: &mut impl Collector,
+    ) {
+        if let Some(emitters) = self.emitters
+            && let Some(to_light) = emitters.sample(self.tracer, surface, sampler.next_4d())
+        {
+            let cos = to_light.direction.dot(surface.normal).max(0.0);
+            let reflected = surface.bsdf.evaluate(surface.normal, to_previous, to_light.direction) * cos;
+            let weight = to_light.weight_against(surface.bsdf.pdf(surface.normal, to_previous, to_light.direction));
+            collector.emission(throughput * reflected * to_light.radiance_over_pdf * weight, bounces);
         }
     }
 }
