@@ -42,7 +42,7 @@ type Corners = [Vec3; 3];
 
 enum Structure {
     Brute(Vec<TriangleBlock>),
-    Tree { wide: Box<CwBvh>, binary: Box<Bvh2> },
+    Tree { wide: Wide, binary: Box<Bvh2> },
 }
 
 /// LANES triangles, structure of arrays: `[corner][axis][lane]`.
@@ -61,7 +61,7 @@ impl<'a> Tracer<'a> {
         let structure = if triangles.len() <= BRUTE_FORCE_LIMIT {
             Structure::Brute(triangles.chunks(LANES).map(TriangleBlock::new).collect())
         } else {
-            build_tree(&triangles)
+            build_tree(&triangles, extent)
         };
         Self {
             asset,
@@ -89,15 +89,15 @@ impl<'a> Tracer<'a> {
                 }
             }
             Structure::Tree { wide, .. } => {
-                let ray = Ray::new(origin.into(), direction.into(), 0.0, t_max);
-                wide.ray_traverse(ray, &mut RayHit::none(), |ray, slot| {
-                    let triangle = wide.primitive_indices[slot];
+                let (ray, unit) = wide.ray(origin, direction, t_max);
+                wide.bvh.ray_traverse(ray, &mut RayHit::none(), |ray, slot| {
+                    let triangle = wide.bvh.primitive_indices[slot];
                     let candidate = intersect(&self.triangles[triangle as usize], origin, direction)
                         .map(|(t, u, v)| Hit { t, triangle, u, v })
-                        .filter(|h| h.t < ray.tmax && self.solid(h));
+                        .filter(|h| h.t < hit.t && h.t * unit < ray.tmax && self.solid(h));
                     candidate.map_or(f32::INFINITY, |h| {
                         hit = h;
-                        h.t
+                        h.t * unit
                     })
                 });
             }
@@ -110,13 +110,13 @@ impl<'a> Tracer<'a> {
         match &self.structure {
             Structure::Brute(_) => self.closest_hit(origin, segment, SEGMENT_END).is_some(),
             Structure::Tree { wide, .. } => {
-                let ray = Ray::new(origin.into(), segment.into(), 0.0, SEGMENT_END);
-                !wide.ray_traverse_miss(ray, |ray, slot| {
-                    let triangle = wide.primitive_indices[slot];
+                let (ray, unit) = wide.ray(origin, segment, SEGMENT_END);
+                !wide.bvh.ray_traverse_miss(ray, |_, slot| {
+                    let triangle = wide.bvh.primitive_indices[slot];
                     intersect(&self.triangles[triangle as usize], origin, segment)
                         .map(|(t, u, v)| Hit { t, triangle, u, v })
-                        .filter(|h| h.t < ray.tmax && self.solid(h))
-                        .map_or(f32::INFINITY, |h| h.t)
+                        .filter(|h| h.t < SEGMENT_END && self.solid(h))
+                        .map_or(f32::INFINITY, |h| h.t * unit)
                 })
             }
         }
@@ -147,16 +147,39 @@ impl<'a> Tracer<'a> {
 /// A segment ends just before the light, so that a light on a surface is not hidden by it.
 const SEGMENT_END: f32 = 1.0 - 1e-4;
 
-fn build_tree(triangles: &[Corners]) -> Structure {
-    let boxes: Vec<Triangle> =
-        triangles.iter().map(|&[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() }).collect();
+/// The wide BVH, in units of its own: obvhs skips boxes that end within 1e-4 of a ray's start, so it is given coordinates in
+/// which that is far below the offset of any ray.
+struct Wide {
+    bvh: Box<CwBvh>,
+    /// Its units per metre.
+    scale: f32,
+}
+
+impl Wide {
+    /// The ray in the tree's coordinates, and the tree's units per unit of t.
+    fn ray(&self, origin: Vec3, direction: Vec3, t_max: f32) -> (Ray, f32) {
+        let length = direction.length().max(f32::MIN_POSITIVE);
+        let unit = self.scale * length;
+        (Ray::new((origin * self.scale).into(), (direction / length).into(), 0.0, t_max * unit), unit)
+    }
+}
+
+/// The asset's extent in the wide BVH's units.
+const WIDE_EXTENT: f32 = 1e5;
+
+fn build_tree(triangles: &[Corners], extent: f32) -> Structure {
     // obvhs converts only trees of one triangle a leaf.
     let params = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::medium_build() };
-    let binary = build_bvh2_from_tris(&boxes, params, &mut Default::default());
+    let build = |scale: f32| {
+        let scaled = |v: Vec3| (v * scale).into();
+        let boxes: Vec<Triangle> =
+            triangles.iter().map(|&[a, b, c]| Triangle { v0: scaled(a), v1: scaled(b), v2: scaled(c) }).collect();
+        build_bvh2_from_tris(&boxes, params, &mut Default::default())
+    };
+    let scale = WIDE_EXTENT / extent;
     // A leaf of the wide BVH holds at most three triangles.
-    let mut wide = bvh2_to_cwbvh(&binary, 3, true, false);
-    wide.order_children(&boxes, false);
-    Structure::Tree { wide: Box::new(wide), binary: Box::new(binary) }
+    let bvh = bvh2_to_cwbvh(&build(scale), 3, true, false);
+    Structure::Tree { wide: Wide { bvh: Box::new(bvh), scale }, binary: Box::new(build(1.0)) }
 }
 
 /// Distance and barycentric coordinates (of the second and third corner) where the ray meets the triangle, if t > 0.
