@@ -1,12 +1,20 @@
 //! The asset and its geometry: import (glTF, OBJ), materials, ray tracing, lightmap charts and texels.
 
 pub mod asset;
+mod build;
+mod gltf;
+mod image_file;
+pub mod load;
 pub mod material;
 pub mod mesh;
+mod mtl;
+mod obj;
+mod obj_normals;
 pub mod surface;
 pub mod tracer;
 
 pub use asset::{Asset, Camera, PunctualKind, PunctualLight};
+pub use load::{SceneError, load};
 pub use material::{Material, Reflectance, Texture, TextureRef};
 pub use mesh::{Aabb, Mesh};
 pub use surface::{Bsdf, Hit, Surface};
