@@ -1,8 +1,10 @@
 //! The asset and its geometry: import (glTF, OBJ), materials, ray tracing, lightmap charts and texels.
 
 pub mod asset;
+pub mod generate;
 pub mod material;
 pub mod mesh;
+pub mod proximity;
 pub mod surface;
 pub mod tracer;
 

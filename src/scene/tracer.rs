@@ -143,10 +143,11 @@ const SEGMENT_END: f32 = 1.0 - 1e-4;
 fn build_tree(triangles: &[Corners]) -> Structure {
     let boxes: Vec<Triangle> =
         triangles.iter().map(|&[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() }).collect();
-    // The wide BVH takes at most three triangles a leaf.
-    let params = BvhBuildParams { max_prims_per_leaf: 3, ..BvhBuildParams::medium_build() };
+    // obvhs converts only trees of one triangle a leaf.
+    let params = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::medium_build() };
     let binary = build_bvh2_from_tris(&boxes, params, &mut Default::default());
-    let mut wide = bvh2_to_cwbvh(&binary, params.max_prims_per_leaf, true, false);
+    // A leaf of the wide BVH holds at most three triangles.
+    let mut wide = bvh2_to_cwbvh(&binary, 3, true, false);
     wide.order_children(&boxes, false);
     Structure::Tree { wide: Box::new(wide), binary: Box::new(binary) }
 }
