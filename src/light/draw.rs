@@ -158,14 +158,22 @@ impl ScenarioSampler<'_, '_> {
         })
     }
 
-    /// Whether most of what is seen from `position` are backs of one-sided surfaces.
+    /// Whether most of what is seen from `position` are backs of one-sided surfaces: in directions all around, and towards
+    /// the middle of each octant of the bounds, so that a light far behind the asset is told, too.
     fn is_inside_solid(&self, position: Vec3) -> bool {
-        let asset = self.tracer.asset();
-        let (mut fronts, mut backs) = (0, 0);
-        for i in 0..PROBES {
+        let around = (0..PROBES).map(|i| {
             // A Fibonacci lattice (Swinbank and Purser 2006): even over the sphere, along no axis of a room.
             let turn = (i as f32 * 0.618_034 + 0.137).fract();
-            let direction = warp::sample_uniform_sphere(Vec2::new((i as f32 + 0.5) / PROBES as f32, turn));
+            warp::sample_uniform_sphere(Vec2::new((i as f32 + 0.5) / PROBES as f32, turn))
+        });
+        let quarter = 0.25 * (self.bounds.max - self.bounds.min);
+        let octants = (0..8).map(|i| {
+            let side = |bit: u32| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            self.bounds.centre() + quarter * Vec3::new(side(0), side(1), side(2)) - position
+        });
+        let asset = self.tracer.asset();
+        let (mut fronts, mut backs) = (0, 0);
+        for direction in around.chain(octants) {
             if let Some(hit) = self.tracer.closest_hit(position, direction, f32::INFINITY) {
                 let triangle = hit.triangle as usize;
                 let material = &asset.materials[asset.mesh.triangle_materials[triangle] as usize];
@@ -202,7 +210,7 @@ impl ScenarioSampler<'_, '_> {
     }
 }
 
-/// Directions looked along to tell the inside of a solid.
+/// Directions all around that are looked along to tell the inside of a solid.
 const PROBES: usize = 15;
 
 struct Random(Pcg64Mcg);
@@ -306,7 +314,7 @@ mod tests {
     #[test]
     fn lights_keep_clear_of_surfaces_and_solids() {
         let asset = cornell();
-        let scenario = Scenario { clearance: Some(0.3), ..Default::default() };
+        let scenario = Scenario { clearance: Some(0.3), position: Position::Inside, ..Default::default() };
         let short_block = |p: Vec3| p.x > 0.82 && p.x < 2.9 && p.z > 0.65 && p.z < 2.72 && p.y < 1.65;
         let mut beside_block = 0;
         for p in points(&scenario, &asset, 1000) {
@@ -334,6 +342,7 @@ mod tests {
             (Vec3::new(2.78, 4.0, 2.8), false),
             (Vec3::new(2.78, 2.7, -3.0), false),
             (Vec3::new(2.78, 6.5, 2.8), true),
+            (Vec3::new(-1.8, 8.7, 10.3), true),
         ] {
             assert_eq!(sampler.is_inside_solid(p), inside, "{p}");
         }
@@ -343,7 +352,7 @@ mod tests {
     fn impossible_settings_are_said() {
         let asset = cornell();
         let tracer = Tracer::new(&asset);
-        let narrow = Scenario { clearance: Some(4.0), ..Default::default() };
+        let narrow = Scenario { clearance: Some(4.0), position: Position::Inside, ..Default::default() };
         let error = narrow.sampler(&tracer).unwrap().condition(1, 0).unwrap_err();
         assert!(matches!(error, ScenarioError::NoRoom { too_near: MOST_TRIES, .. }), "{error}");
         let (min, max) = (Vec3::new(1.76, 0.7, 1.6), Vec3::new(1.96, 0.9, 1.8));
