@@ -11,10 +11,13 @@ pub mod mesh;
 mod mtl;
 mod obj;
 mod obj_normals;
+pub mod generate;
+pub mod proximity;
 pub mod surface;
 pub mod tracer;
 
 pub use asset::{Asset, Camera, PunctualKind, PunctualLight};
+pub use generate::generate;
 pub use load::{SceneError, load};
 pub use material::{Material, Reflectance, Texture, TextureRef};
 pub use mesh::{Aabb, Mesh};
