@@ -1,5 +1,7 @@
 //! Measurement points, their sub-points, and the direct vector x.
 
+pub mod direct;
+
 use glam::Vec3;
 
 use crate::math::Rgb;
