@@ -20,6 +20,7 @@
 //!
 //! `docs/METHOD.md` has the notation and the numbered equations that comments cite.
 
+pub mod gpu;
 pub mod light;
 pub mod math;
 pub mod measure;

@@ -31,6 +31,21 @@ struct LightBlock {
     cone_offset: [f32; LANES],
 }
 
+/// The entry of one light in a [`LightTable`], fields as in its blocks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightEntry {
+    /// Metres; for a directional light the unit vector towards it.
+    pub position: Vec3,
+    /// Unit axis of a spot.
+    pub direction: Vec3,
+    /// 1 for point and spot, 0 for directional.
+    pub local: f32,
+    /// 1/range⁴ in m⁻⁴, 0 for an unbounded light.
+    pub inverse_range4: f32,
+    pub cone_scale: f32,
+    pub cone_offset: f32,
+}
+
 /// What LANES lights of unit colour send to a point.
 #[repr(align(64))]
 pub struct Arrival {
@@ -93,6 +108,19 @@ impl LightTable {
     /// Colour times intensity of light `i`.
     pub fn colour(&self, i: usize) -> Rgb {
         self.colours[i]
+    }
+
+    /// One light's entry, for the GPU's list of lights.
+    pub fn entry(&self, i: usize) -> LightEntry {
+        let (b, lane) = (&self.blocks[i / LANES], i % LANES);
+        LightEntry {
+            position: Vec3::from_array(b.position.map(|axis| axis[lane])),
+            direction: Vec3::from_array(b.direction.map(|axis| axis[lane])),
+            local: b.local[lane],
+            inverse_range4: b.inverse_range4[lane],
+            cone_scale: b.cone_scale[lane],
+            cone_offset: b.cone_offset[lane],
+        }
     }
 
     /// What the lights of `block`, with unit colour, send to `point` with `normal` (METHOD eq. 2). Directional lights

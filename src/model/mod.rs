@@ -1,5 +1,12 @@
 //! The trained model: what relights the asset. The file, and relighting on the CPU.
 
+pub mod picture;
+pub mod render;
+pub mod view;
+
+pub use picture::{Picture, PictureError};
+pub use view::{Shown, View, ViewError};
+
 use crate::math::Rgb;
 use crate::measure::MeasurementPoints;
 use crate::scene::Asset;

@@ -9,7 +9,7 @@ pub mod tracer;
 
 pub use asset::{Asset, Camera, PunctualKind, PunctualLight};
 pub use bsdf::BsdfSample;
-pub use material::{Material, Reflectance, Texture, TextureRef};
+pub use material::{Material, Reflectance, Texture, TextureRef, Wrap};
 pub use mesh::{Aabb, Mesh};
 pub use surface::{Bsdf, Hit, Surface};
 pub use tracer::Tracer;
