@@ -132,5 +132,4 @@ pub struct TransferShape {
     pub points: u32,
     pub interleaved: u32,
     pub mean_scaled_by_norm: u32,
-    pub _pad: u32,
 }
