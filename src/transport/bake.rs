@@ -155,13 +155,13 @@ pub fn bake_direct(
 }
 
 /// Surface points inside one texel.
-struct Receivers<'l, 'a> {
+struct Receivers<'a> {
     asset: &'a Asset,
-    points: TexelSampler<'l>,
+    points: TexelSampler,
 }
 
-impl<'l, 'a> Receivers<'l, 'a> {
-    fn new(tracer: &Tracer<'a>, lightmap: &'l Lightmap, texel: usize) -> Self {
+impl<'a> Receivers<'a> {
+    fn new(tracer: &Tracer<'a>, lightmap: &Lightmap, texel: usize) -> Self {
         Self { asset: tracer.asset(), points: lightmap.sampler(&tracer.asset().mesh, texel) }
     }
 
