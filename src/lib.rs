@@ -20,9 +20,13 @@
 //!
 //! `docs/METHOD.md` has the notation and the numbered equations that comments cite.
 
+pub mod dataset;
+pub mod files;
 pub mod light;
 pub mod math;
 pub mod measure;
 pub mod model;
 pub mod progress;
 pub mod scene;
+pub mod transfer;
+pub mod transport;

@@ -1,5 +1,10 @@
 //! Measurement points, their sub-points, and the direct vector x.
 
+pub mod direct;
+pub mod points;
+
+pub use points::PointsError;
+
 use glam::Vec3;
 
 use crate::math::Rgb;

@@ -1,15 +1,25 @@
 //! The asset and its geometry: import (glTF, OBJ), materials, ray tracing, lightmap charts and texels.
 
 pub mod asset;
-pub mod generate;
+pub mod bsdf;
+mod build;
+mod gltf;
+mod image_file;
+pub mod load;
 pub mod material;
 pub mod mesh;
+mod mtl;
+mod obj;
+mod obj_normals;
+pub mod generate;
 pub mod proximity;
 pub mod surface;
 pub mod tracer;
 
 pub use asset::{Asset, Camera, PunctualKind, PunctualLight};
+pub use generate::generate;
+pub use load::{SceneError, load};
 pub use material::{Material, Reflectance, Texture, TextureRef};
 pub use mesh::{Aabb, Mesh};
 pub use surface::{Bsdf, Hit, Surface};
-pub use tracer::Tracer;
+pub use tracer::{ShadowRays, Tracer, lanes, mask_of};
