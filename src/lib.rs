@@ -22,6 +22,7 @@
 
 pub mod dataset;
 pub mod files;
+pub mod gpu;
 pub mod light;
 pub mod math;
 pub mod measure;

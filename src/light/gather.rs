@@ -51,11 +51,11 @@ impl<'t, 'a> LightGather<'t, 'a> {
     /// Hands every light that reaches the surface to `arrived`, up to LANES at a time.
     #[inline]
     pub fn gather(&mut self, surface: &Surface, mut arrived: impl FnMut(Arrived)) {
-        self.shadows.start_from(self.tracer.leave(surface, surface.geometric_normal));
-        // Directional lights stand beyond all geometry.
-        let far = 2.0 * self.tracer.extent;
+        // Light is evaluated where its shadow rays start, so that they end at the lights.
+        let origin = self.tracer.leave(surface, surface.geometric_normal);
+        self.shadows.start_from(origin);
         for block in 0..self.table.block_count() {
-            let arrival = self.table.arrive(block, surface.position, surface.normal, far);
+            let arrival = self.table.arrive(block, origin, surface.normal, self.tracer.extent);
             let g = surface.geometric_normal;
             let mut reached = [false; LANES];
             for i in 0..LANES {

@@ -35,6 +35,21 @@ struct LightBlock {
     cone_offset: [f32; LANES],
 }
 
+/// The entry of one light in a [`LightTable`], fields as in its blocks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightEntry {
+    /// Metres; for a directional light the unit vector towards it.
+    pub position: Vec3,
+    /// Unit axis of a spot.
+    pub direction: Vec3,
+    /// 1 for point and spot, 0 for directional.
+    pub local: f32,
+    /// 1/range⁴ in m⁻⁴, 0 for an unbounded light.
+    pub inverse_range4: f32,
+    pub cone_scale: f32,
+    pub cone_offset: f32,
+}
+
 /// What LANES lights of unit colour send to a point.
 #[repr(align(64))]
 pub struct Arrival {
@@ -50,8 +65,8 @@ pub struct Arrival {
 
 impl LightTable {
     /// Lays out the lights of one condition.
-    pub fn new(lights: &[Light]) -> Self {
-        Self::lay_out(lights.iter().map(|light| (0, light)).collect(), 1)
+    pub fn new<'l>(lights: impl IntoIterator<Item = &'l Light>) -> Self {
+        Self::lay_out(lights.into_iter().map(|light| (0, light)).collect(), 1)
     }
 
     /// Lays out all lights of all `conditions`, condition after condition.
@@ -137,6 +152,19 @@ impl LightTable {
     /// Which condition light `i` belongs to.
     pub fn condition(&self, i: usize) -> usize {
         self.conditions[i] as usize
+    }
+
+    /// One light's entry, for the GPU's list of lights.
+    pub fn entry(&self, i: usize) -> LightEntry {
+        let (b, lane) = (&self.blocks[i / LANES], i % LANES);
+        LightEntry {
+            position: Vec3::from_array(b.position.map(|axis| axis[lane])),
+            direction: Vec3::from_array(b.direction.map(|axis| axis[lane])),
+            local: b.local[lane],
+            inverse_range4: b.inverse_range4[lane],
+            cone_scale: b.cone_scale[lane],
+            cone_offset: b.cone_offset[lane],
+        }
     }
 
     /// What the lights of `block`, with unit colour, send to `point` with `normal` (METHOD eq. 2). Directional lights

@@ -1,10 +1,15 @@
 //! The trained model: what relights the asset. The file, and relighting on the CPU.
 
 pub mod file;
+pub mod picture;
 pub mod record;
+pub mod render;
+pub mod view;
 
 pub use file::ModelFileError;
+pub use picture::{Picture, PictureError};
 pub use record::{HeldOut, TrainingRecord};
+pub use view::{Shown, View, ViewError};
 
 use crate::math::Rgb;
 use crate::measure::MeasurementPoints;

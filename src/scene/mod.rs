@@ -17,9 +17,10 @@ pub mod surface;
 pub mod tracer;
 
 pub use asset::{Asset, Camera, PunctualKind, PunctualLight};
+pub use bsdf::BsdfSample;
 pub use generate::generate;
 pub use load::{SceneError, load};
-pub use material::{Material, Reflectance, Texture, TextureRef};
+pub use material::{Material, Reflectance, Texture, TextureRef, Wrap};
 pub use mesh::{Aabb, Mesh};
 pub use surface::{Bsdf, Hit, Surface};
 pub use tracer::{ShadowRays, Tracer, lanes, mask_of};

@@ -21,6 +21,10 @@ use crate::math::LANES;
 /// Meshes of at most this many triangles are tested whole (measured by `benches/trace.rs`).
 const BRUTE_FORCE_LIMIT: usize = 128;
 
+/// [`Tracer::offset`] over [`Tracer::extent`]. Positions carry a rounding error of about 1e-7 of the extent; this stays well
+/// above it and well below a texel.
+pub const RELATIVE_OFFSET: f32 = 1e-5;
+
 /// Vectors from a point to LANES lights, structure of arrays.
 pub type Segments = [[f32; LANES]; 3];
 
@@ -69,8 +73,7 @@ impl<'a> Tracer<'a> {
             triangles,
             masked,
             structure,
-            // Positions carry a rounding error of about 1e-7 of the extent; this stays well above it and well below a texel.
-            offset: extent * 1e-5,
+            offset: extent * RELATIVE_OFFSET,
             extent,
         }
     }

@@ -1,0 +1,253 @@
+//! The adapter and device, and the small things that every stage needs of them.
+
+use std::sync::{Arc, Mutex};
+
+use wgpu::util::DeviceExt;
+
+use crate::model::ViewError;
+
+/// Why the GPU could not do its work.
+#[derive(Debug, thiserror::Error)]
+pub enum GpuError {
+    #[error(
+        "no GPU adapter{wanted} found ({found}); install a Vulkan, Metal or DirectX 12 driver, or render with --cpu"
+    )]
+    NoAdapter {
+        /// " named …" where one was asked for.
+        wanted: String,
+        found: String,
+    },
+    #[error("GPU adapter {adapter}: no device: {reason}")]
+    NoDevice { adapter: String, reason: String },
+    #[error("{what} needs {needed} {unit}, more than this GPU's {limit}; {help}")]
+    TooLarge { what: String, needed: u64, unit: &'static str, limit: u64, help: &'static str },
+    #[error(transparent)]
+    View(#[from] ViewError),
+    #[error("the GPU failed: {0}")]
+    Failed(String),
+}
+
+/// A device with its queue. Errors that WebGPU reports late are kept until [`Gpu::check`].
+pub struct Gpu {
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+    /// The adapter's name, for reports.
+    pub name: String,
+    failure: Arc<Mutex<Option<String>>>,
+}
+
+impl Gpu {
+    /// Opens the adapter that `WGPU_ADAPTER_NAME` names (any part of its name, letter case ignored), or the fastest.
+    ///
+    /// # Errors
+    /// [`GpuError::NoAdapter`] and [`GpuError::NoDevice`], each with what was found instead.
+    pub fn new() -> Result<Self, GpuError> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+        let adapter = choose_adapter(&instance)?;
+        let name = adapter.get_info().name;
+        let available = adapter.limits();
+        // WebGPU's defaults, but for sizes: those that this adapter allows.
+        let required_limits = wgpu::Limits {
+            max_texture_dimension_2d: available.max_texture_dimension_2d,
+            max_texture_array_layers: available.max_texture_array_layers,
+            max_buffer_size: available.max_buffer_size,
+            max_storage_buffer_binding_size: available.max_storage_buffer_binding_size,
+            ..wgpu::Limits::default()
+        };
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("relight"),
+            // Only for timing; everything works without.
+            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
+            required_limits,
+            ..Default::default()
+        };
+        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
+            .map_err(|e| GpuError::NoDevice { adapter: name.clone(), reason: e.to_string() })?;
+        Ok(Self::from_device(device, queue, name))
+    }
+
+    /// Takes a device that a window already opened. Replaces its handlers of uncaptured errors and of loss.
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
+        let failure = Arc::new(Mutex::new(None));
+        let keep = |failure: &Arc<Mutex<Option<String>>>, reason: String| {
+            // The first failure is the cause, later ones its consequences.
+            failure.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).get_or_insert(reason);
+        };
+        let of_errors = failure.clone();
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| keep(&of_errors, error.to_string())));
+        let of_loss = failure.clone();
+        device.set_device_lost_callback(move |reason, message| {
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                keep(&of_loss, format!("device lost: {message}"));
+            }
+        });
+        Self { device, queue, name, failure }
+    }
+
+    /// Whether the device can time its passes.
+    pub fn has_timestamps(&self) -> bool {
+        self.device.features().contains(wgpu::Features::TIMESTAMP_QUERY)
+    }
+
+    /// The first failure since the device was opened, if there was one.
+    pub fn check(&self) -> Result<(), GpuError> {
+        let failure = self.failure.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        failure.as_ref().map_or(Ok(()), |reason| Err(GpuError::Failed(reason.clone())))
+    }
+
+    /// Blocks until the GPU has done all that it was given.
+    pub fn wait(&self) -> Result<(), GpuError> {
+        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| GpuError::Failed(e.to_string()))?;
+        self.check()
+    }
+
+    /// A read-only storage buffer of `contents`; one zeroed element where there are none.
+    pub fn storage<T: bytemuck::Pod>(&self, what: &str, contents: &[T]) -> Result<wgpu::Buffer, GpuError> {
+        let nothing = [T::zeroed()];
+        let contents: &[u8] = bytemuck::cast_slice(if contents.is_empty() { &nothing } else { contents });
+        self.check_binding(what, contents.len() as u64)?;
+        Ok(self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some(what),
+            contents,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+        }))
+    }
+
+    /// A zeroed storage buffer that shaders write, of at least one element.
+    pub fn written<T: bytemuck::Pod>(&self, what: &str, count: usize) -> Result<wgpu::Buffer, GpuError> {
+        let size = (count.max(1) * size_of::<T>()) as u64;
+        self.check_binding(what, size)?;
+        Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(what),
+            size,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        }))
+    }
+
+    pub fn uniform<T: bytemuck::Pod>(&self, what: &str, contents: &T) -> wgpu::Buffer {
+        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some(what),
+            contents: bytemuck::bytes_of(contents),
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+        })
+    }
+
+    fn check_binding(&self, what: &str, needed: u64) -> Result<(), GpuError> {
+        let limits = self.device.limits();
+        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        let help = "use a GPU with more, or a smaller asset";
+        self.check_limit(what, needed, "bytes in one buffer", limit, help)
+    }
+
+    fn check_limit(
+        &self,
+        what: &str,
+        needed: u64,
+        unit: &'static str,
+        limit: u64,
+        help: &'static str,
+    ) -> Result<(), GpuError> {
+        if needed > limit {
+            return Err(GpuError::TooLarge { what: what.to_owned(), needed, unit, limit, help });
+        }
+        Ok(())
+    }
+
+    /// An array texture to upload to.
+    pub fn texture_array(
+        &self,
+        what: &str,
+        size: wgpu::Extent3d,
+        format: wgpu::TextureFormat,
+    ) -> Result<wgpu::Texture, GpuError> {
+        let limits = self.device.limits();
+        let (side, layers) = (size.width.max(size.height) as u64, size.depth_or_array_layers as u64);
+        let max_side = limits.max_texture_dimension_2d as u64;
+        self.check_limit(what, side, "texels on a side", max_side, "make it smaller")?;
+        let max_layers = limits.max_texture_array_layers as u64;
+        self.check_limit(what, layers, "texture layers", max_layers, "use fewer elements or textures")?;
+        Ok(self.texture(what, size, format, wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST))
+    }
+
+    /// Checks that a picture of this many samples fits a render target.
+    pub fn check_target(&self, [width, height]: [u32; 2]) -> Result<(), GpuError> {
+        let limit = self.device.limits().max_texture_dimension_2d as u64;
+        let help = "take a smaller picture or fewer samples a pixel, or render with --cpu";
+        self.check_limit("the picture", width.max(height) as u64, "samples on a side", limit, help)
+    }
+
+    pub fn texture(
+        &self,
+        what: &str,
+        size: wgpu::Extent3d,
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> wgpu::Texture {
+        self.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(what),
+            size,
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage,
+            view_formats: &[],
+        })
+    }
+
+    /// A buffer to copy results into and read them from.
+    pub fn readback(&self, size: u64) -> wgpu::Buffer {
+        self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("readback"),
+            size,
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        })
+    }
+
+    /// Waits, then returns what a [`Gpu::readback`] buffer holds.
+    pub fn read<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<T>, GpuError> {
+        buffer.map_async(wgpu::MapMode::Read, .., |_| {});
+        self.wait()?;
+        let mapped = buffer.get_mapped_range(..).map_err(|e| GpuError::Failed(e.to_string()))?;
+        Ok(bytemuck::pod_collect_to_vec(&mapped))
+    }
+
+    /// Copies a storage buffer's first `count` elements to this side.
+    pub fn download<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, GpuError> {
+        if count == 0 {
+            return Ok(Vec::new());
+        }
+        let readback = self.readback((count * size_of::<T>()) as u64);
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(buffer, 0, &readback, 0, readback.size());
+        self.queue.submit([encoder.finish()]);
+        self.read(&readback)
+    }
+}
+
+fn choose_adapter(instance: &wgpu::Instance) -> Result<wgpu::Adapter, GpuError> {
+    match std::env::var("WGPU_ADAPTER_NAME") {
+        Ok(wanted) if !wanted.is_empty() => {
+            let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+            let names: Vec<String> = adapters.iter().map(|a| a.get_info().name).collect();
+            let at = names.iter().position(|name| name.to_lowercase().contains(&wanted.to_lowercase()));
+            match at {
+                Some(at) => Ok(adapters.into_iter().nth(at).expect("position is within the list")),
+                None => Err(GpuError::NoAdapter {
+                    wanted: format!(" named {wanted:?} (WGPU_ADAPTER_NAME)"),
+                    found: if names.is_empty() { "none at all".to_owned() } else { names.join(", ") },
+                }),
+            }
+        }
+        _ => {
+            let options = wgpu::RequestAdapterOptions {
+                power_preference: wgpu::PowerPreference::HighPerformance,
+                ..Default::default()
+            };
+            pollster::block_on(instance.request_adapter(&options))
+                .map_err(|e| GpuError::NoAdapter { wanted: String::new(), found: e.to_string() })
+        }
+    }
+}

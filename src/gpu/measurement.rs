@@ -1,0 +1,123 @@
+//! From lights to basis coefficients: the measure, downsample and transfer stages.
+
+use super::bindings::{self, READ, READ_WRITE, UNIFORM};
+use super::device::{Gpu, GpuError};
+use super::layout::{SubPoint, TransferShape};
+use super::scene::Scene;
+use super::shader::Stage;
+use super::textures::elements_per_layer;
+use super::timer::Timer;
+use crate::model::{Channels, Model, Transfer};
+
+/// One compute stage and what it reads and writes.
+struct Dispatch {
+    pipeline: wgpu::ComputePipeline,
+    bind_group: wgpu::BindGroup,
+    /// Whether it traces rays: bind group 0 is then the scene's.
+    traces: bool,
+    workgroups: u32,
+}
+
+pub struct Measurement {
+    stages: [Dispatch; 3],
+    /// W/m², one vec4 a sub-point.
+    pub exitance: wgpu::Buffer,
+    /// x, W/m², one vec4 a point.
+    pub direct: wgpu::Buffer,
+    /// u, one vec4 an element, padded with zeros to whole layers of the basis.
+    pub coefficients: wgpu::Buffer,
+}
+
+/// Invocations of a workgroup in `measure.wgsl` and `downsample.wgsl`.
+const WORKGROUP: usize = 64;
+
+impl Measurement {
+    pub fn new(gpu: &Gpu, model: &Model, scene: &Scene) -> Result<Self, GpuError> {
+        let points = &model.points;
+        let transfer = &model.transfer;
+        let sub_points: Vec<SubPoint> = points
+            .sub_points
+            .iter()
+            .map(|p| SubPoint {
+                position: p.position.to_array(),
+                normal: p.normal.to_array(),
+                geometric_normal: p.geometric_normal.to_array(),
+                albedo: p.albedo.to_array(),
+                ..bytemuck::Zeroable::zeroed()
+            })
+            .collect();
+        let shape = TransferShape {
+            points: transfer.points as u32,
+            interleaved: (transfer.channels == Channels::Multi) as u32,
+            mean_scaled_by_norm: transfer.mean_scaled_by_norm as u32,
+        };
+        let sub_point_buffer = gpu.storage("the sub-points", &sub_points)?;
+        let neighbours = gpu.storage("the sub-points' neighbours", &points.neighbours)?;
+        let matrix = gpu.storage("the transfer matrix", &interleaved_matrix(transfer))?;
+        let shape = gpu.uniform("transfer shape", &shape);
+        let exitance = gpu.written::<[f32; 4]>("the sub-points' light", points.sub_points.len())?;
+        let direct = gpu.written::<[f32; 4]>("the direct vector", points.points.len())?;
+        let per_layer = elements_per_layer(model.basis.components);
+        let padded = transfer.elements.div_ceil(per_layer) * per_layer;
+        let coefficients = gpu.written::<[f32; 4]>("the coefficients", padded)?;
+
+        let layout = |stage: Stage, types| bindings::layout(gpu, stage.name(), wgpu::ShaderStages::COMPUTE, types);
+        let workgroups = |count: usize| count.div_ceil(WORKGROUP) as u32;
+
+        let own = layout(Stage::Measure, &[READ, READ_WRITE]);
+        let resources = [sub_point_buffer.as_entire_binding(), exitance.as_entire_binding()];
+        let measure = Dispatch {
+            pipeline: bindings::compute_pipeline(gpu, Stage::Measure, &[&scene.layout, &own]),
+            bind_group: bindings::bind(gpu, "measure", &own, resources),
+            traces: true,
+            workgroups: workgroups(sub_points.len()),
+        };
+        let own = layout(Stage::Downsample, &[READ, READ, READ_WRITE]);
+        let resources = [exitance.as_entire_binding(), neighbours.as_entire_binding(), direct.as_entire_binding()];
+        let downsample = Dispatch {
+            pipeline: bindings::compute_pipeline(gpu, Stage::Downsample, &[&own]),
+            bind_group: bindings::bind(gpu, "downsample", &own, resources),
+            traces: false,
+            workgroups: workgroups(points.points.len()),
+        };
+        let own = layout(Stage::Transfer, &[UNIFORM, READ, READ, READ_WRITE]);
+        let resources = [
+            shape.as_entire_binding(),
+            matrix.as_entire_binding(),
+            direct.as_entire_binding(),
+            coefficients.as_entire_binding(),
+        ];
+        let transfer = Dispatch {
+            pipeline: bindings::compute_pipeline(gpu, Stage::Transfer, &[&own]),
+            bind_group: bindings::bind(gpu, "transfer", &own, resources),
+            traces: false,
+            workgroups: transfer.elements as u32,
+        };
+        Ok(Self { stages: [measure, downsample, transfer], exitance, direct, coefficients })
+    }
+
+    /// Records one of [`Stage::Measure`], [`Stage::Downsample`] and [`Stage::Transfer`].
+    pub fn encode(&self, encoder: &mut wgpu::CommandEncoder, stage: Stage, scene: &Scene, timer: Option<&Timer>) {
+        let dispatch = &self.stages[stage as usize];
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(stage.name()),
+            timestamp_writes: timer.map(|timer| timer.compute_pass(stage)),
+        });
+        pass.set_pipeline(&dispatch.pipeline);
+        if dispatch.traces {
+            pass.set_bind_group(0, &scene.bind_group, &[]);
+        }
+        pass.set_bind_group(dispatch.traces as u32, &dispatch.bind_group, &[]);
+        pass.dispatch_workgroups(dispatch.workgroups, 1, 1);
+    }
+}
+
+/// M as `[element][point][channel]`, which serves mono and multi alike: u is Σ M ⊙ x, summed over channels for multi.
+fn interleaved_matrix(transfer: &Transfer) -> Vec<f32> {
+    match transfer.channels {
+        Channels::Multi => transfer.matrices[0].clone(),
+        Channels::Mono => (0..transfer.elements * transfer.points)
+            .flat_map(|at| [transfer.matrices[0][at], transfer.matrices[1][at], transfer.matrices[2][at]])
+            .collect(),
+    }
+}

@@ -1,0 +1,26 @@
+//! The run time on the GPU: measure, downsample, transfer, shade, resolve.
+//!
+//! One WGSL file a stage in `shaders/`, each held against its CPU twin by `tests/gpu_matches_cpu.rs`. Everything stays
+//! within WebGPU's default limits on bindings and needs no optional feature.
+//!
+//! Shadows are rays against a BVH in a storage buffer, at the measurement points and at the pixels alike: the direct light
+//! of the run time is then that of training, without a bias to tune.
+
+mod bindings;
+mod bvh;
+mod device;
+mod layout;
+mod measurement;
+mod runtime;
+mod scene;
+pub mod shader;
+mod shading;
+mod textures;
+mod timer;
+
+pub use device::{Gpu, GpuError};
+pub use layout::{
+    Blocker, FrameUniforms, GpuLight, GpuMaterial, Node, SubPoint, TextureUse, TransferShape, Triangle, Vertex,
+};
+pub use runtime::Runtime;
+pub use timer::PassTimes;
