@@ -28,6 +28,7 @@ pub mod math;
 pub mod measure;
 pub mod model;
 pub mod progress;
+pub mod prt;
 pub mod scene;
 pub mod transfer;
 pub mod transport;
