@@ -23,8 +23,8 @@ fn main() {
         trial("shared_edges_do_not_overlap", shared_edges_do_not_overlap),
         trial("bad_uv_sets_are_refused_with_reasons", bad_uv_sets_are_refused_with_reasons),
         trial("unwrap_keeps_the_surface", unwrap_keeps_the_surface),
-        asset_trial("cornell_uses_texcoord_1", "CornellBox/CornellBox.glb", |p| {
-            assert_eq!(real(p, 128), LightmapSource::Texcoord1);
+        asset_trial("cornell_whose_objects_each_fill_the_page_is_unwrapped", "CornellBox/CornellBox.glb", |p| {
+            assert!(matches!(real(p, 128), LightmapSource::Unwrapped { .. }));
         }),
         asset_trial("viking_room_overlaps_and_is_unwrapped", "viking_room/viking_room.obj", |p| {
             let mut asset = load(&p).unwrap();
@@ -76,8 +76,8 @@ fn random_mesh(seed: u64, triangles: usize) -> Mesh {
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let mut mesh = Mesh::default();
     for t in 0..triangles as u32 {
-        let centre: Vec2 = Vec2::new(rng.random(), rng.random());
-        let radius = 0.3 * rng.random::<f32>().powi(3);
+        let radius = 1e-3 + 0.3 * rng.random::<f32>().powi(3);
+        let centre = radius + (1.0 - 2.0 * radius) * Vec2::new(rng.random(), rng.random());
         for _ in 0..3 {
             let offset = Vec2::new(rng.random(), rng.random()) * 2.0 - 1.0;
             mesh.positions.push(Vec3::new(rng.random(), rng.random(), rng.random()));

@@ -13,6 +13,8 @@ pub struct LightGather<'t, 'a> {
     tracer: &'t Tracer<'a>,
     shadows: ShadowRays<'t, 'a>,
     packet: Packet,
+    /// Shadow rays cast so far.
+    pub rays: u64,
 }
 
 /// Lights that passed the cheap tests and wait for their shadow rays.
@@ -45,7 +47,7 @@ impl<'t, 'a> LightGather<'t, 'a> {
             light: [0; LANES],
             len: 0,
         };
-        Self { table, tracer, shadows: tracer.shadow_rays(table.bounds()), packet }
+        Self { table, tracer, shadows: tracer.shadow_rays(table.bounds()), packet, rays: 0 }
     }
 
     /// Hands every light that reaches the surface to `arrived`, up to LANES at a time.
@@ -86,6 +88,7 @@ impl<'t, 'a> LightGather<'t, 'a> {
         let active = ((1u64 << p.len) - 1) as u32;
         let open = self.shadows.unoccluded(&p.segment, active);
         arrived(Arrived { light: &p.light, direction: &p.direction, irradiance: &p.irradiance, open });
+        self.rays += p.len as u64;
         p.len = 0;
     }
 }

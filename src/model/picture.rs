@@ -104,8 +104,12 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_is_not_there_is_named() {
-        let error = ramp().write_png(Path::new("/nowhere/at/all.png"), 1.0).unwrap_err();
-        assert!(error.to_string().starts_with("/nowhere/at/all.png: "), "{error}");
+    fn a_folder_that_cannot_be_made_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        std::fs::write(&file, "not a folder").unwrap();
+        let path = file.join("all.png");
+        let error = ramp().write_png(&path, 1.0).unwrap_err();
+        assert!(error.to_string().starts_with(&path.display().to_string()), "{error}");
     }
 }

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 use image::ImageEncoder;
 use rayon::prelude::*;
 
-use super::page::Image;
+use super::Image;
 use crate::math::Rgb;
 use crate::math::colour::{false_colour, luminance};
 use crate::measure::{MeasurementPoint, MeasurementPoints};

@@ -6,7 +6,7 @@ use super::{Asset, Mesh, SceneError};
 use glam::Vec2;
 
 /// Which coordinates the lightmap uses.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(clap::ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum UvPolicy {
     /// TEXCOORD_1, else TEXCOORD_0, if it serves as a lightmap; else a fresh unwrap.

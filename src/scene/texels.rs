@@ -274,10 +274,9 @@ impl Footprint {
         let [a, b, c] = mesh.triangle_positions(triangle).map(|p| p.as_dvec3());
         let area_m2 = 0.5 * (b - a).cross(c - a).length();
         let mut polygon = Polygon { count: 3, ..Default::default() };
-        let barycentric = [DVec2::ZERO, DVec2::X, DVec2::Y];
-        for i in 0..3 {
-            let uv = mesh.lightmap_uvs[mesh.triangles[triangle][i] as usize].as_dvec2();
-            polygon.corners[i] = Corner { texel: uv * size as f64, barycentric: barycentric[i] };
+        for (corner, barycentric) in [DVec2::ZERO, DVec2::X, DVec2::Y].into_iter().enumerate() {
+            let uv = mesh.lightmap_uvs[mesh.triangles[triangle][corner] as usize].as_dvec2();
+            polygon.corners[corner] = Corner { texel: uv * size as f64, barycentric };
         }
         Self { triangle: triangle as u32, polygon, area_m2 }
     }
