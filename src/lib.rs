@@ -23,6 +23,7 @@
 pub mod math;
 pub mod files;
 pub mod progress;
+pub mod prt;
 pub mod scene;
 pub mod light;
 pub mod measure;

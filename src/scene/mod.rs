@@ -3,6 +3,7 @@
 pub mod asset;
 pub mod bsdf;
 mod build;
+pub mod generate;
 mod gltf;
 mod image_file;
 pub mod lightmap;
@@ -12,7 +13,6 @@ pub mod mesh;
 mod mtl;
 mod obj;
 mod obj_normals;
-pub mod generate;
 pub mod proximity;
 pub mod surface;
 pub mod texels;
