@@ -8,6 +8,7 @@ use crate::measure::PointsError;
 use crate::gpu::GpuError;
 use crate::model::{ModelFileError, PictureError, ViewError};
 use crate::transport::reference::ReferenceError;
+use crate::report::assemble::ReportError;
 use crate::scene::SceneError;
 use crate::scene_file::SceneFileError;
 use crate::transfer::TransferError;
@@ -101,6 +102,16 @@ impl From<ReferenceError> for Failure {
         match error {
             ReferenceError::View(error) => error.into(),
             ReferenceError::Stopped(error) => error.into(),
+        }
+    }
+}
+
+impl From<ReportError> for Failure {
+    fn from(error: ReportError) -> Self {
+        match error {
+            ReportError::Transfer(error) => error.into(),
+            ReportError::View(error) => error.into(),
+            ReportError::Cancelled => Failure::Stopped,
         }
     }
 }

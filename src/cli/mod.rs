@@ -1,6 +1,8 @@
 //! The command line: one file per command.
 
 pub mod bake;
+pub mod compare;
+pub mod cornell;
 pub mod failure;
 pub mod info;
 pub mod lights;
@@ -39,6 +41,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Train(train::Train),
+    Compare(compare::Compare),
     Render(render::Render),
     Bake(bake::Bake),
     Info(info::Info),
@@ -59,10 +62,11 @@ pub fn run() -> ExitCode {
     let json = arguments.json.as_deref();
     let result = match &arguments.command {
         Some(Command::Train(train)) => train.run(json, &reporter),
+        Some(Command::Compare(compare)) => compare.run(json, &reporter),
         Some(Command::Render(render)) => render.run(json, &reporter),
         Some(Command::Bake(bake)) => bake.run(json, &reporter),
         Some(Command::Info(info)) => info.run(json, &reporter),
-        None => Ok(()),
+        None => cornell::run(json, &reporter),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 use image::ImageEncoder;
 use rayon::prelude::*;
 
-use super::Image;
+use super::page::Image;
 use crate::math::Rgb;
 use crate::math::colour::{false_colour, luminance};
 use crate::measure::{MeasurementPoint, MeasurementPoints};
@@ -37,17 +37,37 @@ pub fn exposure_for(picture: &Picture) -> f32 {
     0.75 / bright
 }
 
-/// Difference of two pictures relative to the mean luminance of the reference; full scale is `full`.
-pub fn error(picture: &Picture, reference: &Picture, full: f32, caption: impl Into<String>) -> Image {
-    let lit: Vec<f32> = reference.pixels.iter().map(|&p| luminance(p)).filter(|&l| l > 0.0).collect();
+/// Difference of `picture` from `truth`, relative to the mean luminance of `whole`; brightest at `full`.
+pub fn error(picture: &Picture, truth: &Picture, whole: &Picture, full: f32, caption: impl Into<String>) -> Image {
+    let lit: Vec<f32> = whole.pixels.iter().map(|&p| luminance(p)).filter(|&l| l > 0.0).collect();
     let mean = (lit.iter().sum::<f32>() / lit.len().max(1) as f32).max(f32::MIN_POSITIVE);
-    let pixels: Vec<[u8; 3]> = picture
-        .pixels
-        .iter()
-        .zip(&reference.pixels)
-        .map(|(&a, &b)| false_colour(luminance((a - b).abs()) / mean / full))
-        .collect();
+    let differences = picture.pixels.iter().zip(&truth.pixels).map(|(&a, &b)| luminance((a - b).abs()));
+    let pixels: Vec<[u8; 3]> = differences.map(|d| false_colour(d / mean / full)).collect();
     Image { caption: caption.into(), png: png(&pixels, picture.width, picture.height) }
+}
+
+/// One colour per lightmap texel, to be looked up by lightmap coordinates.
+pub struct LightmapImage {
+    size: usize,
+    values: Vec<Rgb>,
+}
+
+impl LightmapImage {
+    /// From values per covered texel; the gutter takes those of the nearest.
+    pub fn new(lightmap: &Lightmap, values: &[Rgb]) -> Self {
+        let nearest = lightmap.nearest_covered();
+        Self { size: lightmap.size, values: nearest.iter().map(|&t| values[t as usize]).collect() }
+    }
+
+    /// Bilinear between texel centres, as [`crate::model::Basis::sample`].
+    pub fn sample(&self, uv: Vec2) -> Rgb {
+        let p = uv * self.size as f32 - 0.5;
+        let (base, f) = (p.floor(), p - p.floor());
+        let clamp = |x: f32| (x as i64).clamp(0, self.size as i64 - 1) as usize;
+        let texel = |dx: f32, dy: f32| self.values[clamp(base.y + dy) * self.size + clamp(base.x + dx)];
+        let top = texel(0.0, 0.0).lerp(texel(1.0, 0.0), f.x);
+        top.lerp(texel(0.0, 1.0).lerp(texel(1.0, 1.0), f.x), f.y)
+    }
 }
 
 /// Sum of two pictures of the same size.

@@ -1,11 +1,9 @@
 //! Comparison of methods on held-out lights, its plots and pictures, and the HTML page.
 
+pub mod assemble;
+pub mod comparison;
 pub mod figures;
+pub mod page;
 pub mod plot;
 
-
-/// A picture with what it shows.
-pub struct Image {
-    pub caption: String,
-    pub png: Vec<u8>,
-}
+pub use comparison::{Comparison, Row};

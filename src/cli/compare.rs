@@ -1,0 +1,150 @@
+//! `relight compare`: held-out error of this model, of the paper's baseline and of classical SH PRT, as a report.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::json;
+
+use super::pipeline::{Prepared, Trained};
+use super::{Failure, Reporter};
+use crate::dataset::{Dataset, Draw};
+use crate::light::Scenario;
+use crate::light::scenario::{KindWeights, Sky};
+use crate::model::Model;
+use crate::progress::Progress;
+use crate::report::Row;
+use crate::report::assemble::{Inputs, Scenery};
+use crate::report::page::method_label;
+use crate::scene::Tracer;
+use crate::transfer::Gram;
+
+/// Compare a model with the paper's baseline and with classical SH PRT
+#[derive(Args)]
+pub struct Compare {
+    /// A model made by `relight train`
+    pub model: PathBuf,
+    /// The folder for report.html, errors.csv, comparison.json and images
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+}
+
+/// Share of directional conditions that must light the asset for the distant scenario to be compared, too.
+const LEAST_LIT: f64 = 0.25;
+
+impl Compare {
+    pub fn run(&self, json: Option<&Path>, reporter: &Reporter) -> Result<(), Failure> {
+        let model = Model::load(&self.model)?;
+        let prepared = Prepared::from_model(&model, &self.model)?;
+        // The dataset is a function of the scene settings and the seed: baked anew, it has the same bits.
+        let trained = prepared.train(reporter)?;
+        if trained.model.record != model.record {
+            reporter.note(&format!(
+                "warning: {}: this build trains to another error ({:.2} % instead of {:.2} %); figures are this build's",
+                self.model.display(),
+                100.0 * trained.model.record.held_out.mean,
+                100.0 * model.record.held_out.mean
+            ));
+        }
+        compare(&prepared, &trained, &self.output, json, reporter)
+    }
+}
+
+/// Writes the report of `trained` to `folder` and prints the error table.
+pub fn compare(
+    prepared: &Prepared,
+    trained: &Trained,
+    folder: &Path,
+    json: Option<&Path>,
+    reporter: &Reporter,
+) -> Result<(), Failure> {
+    let tracer = Tracer::new(&prepared.asset);
+    let distant = distant(prepared, trained, &tracer, reporter)?;
+    let own = Scenery { name: "as trained", dataset: &trained.dataset, gram: &trained.gram };
+    let mut scenarios = vec![own];
+    if let Some((dataset, gram)) = &distant {
+        scenarios.push(Scenery { name: "distant lights", dataset, gram });
+    }
+    let inputs = Inputs {
+        model: &trained.model,
+        tracer: &tracer,
+        lightmap: &prepared.lightmap,
+        bake: prepared.bake_settings(),
+        lambda: prepared.scene.train.lambda,
+        fit: &trained.fit,
+        scenarios,
+    };
+    let report = inputs.assemble(reporter)?;
+    let figures = json!({ "rows": report.page.rows });
+    super::write_file(&folder.join("report.html"), report.page.to_html().as_bytes())?;
+    super::write_file(&folder.join("comparison.json"), format!("{figures:#}\n").as_bytes())?;
+    for (name, text) in &report.tables {
+        super::write_file(&folder.join(name), text.as_bytes())?;
+    }
+    for (name, png) in &report.images {
+        super::write_file(&folder.join("images").join(name), png)?;
+    }
+    print_table(&report.page.rows);
+    println!("wrote {} and {} images beside it", folder.join("report.html").display(), report.images.len());
+    super::write_json(json, &figures)
+}
+
+/// The same asset under directional lights, trained and tested anew: what classical PRT is made for. None where distant light
+/// hardly reaches the asset, as in a closed room.
+fn distant(
+    prepared: &Prepared,
+    trained: &Trained,
+    tracer: &Tracer,
+    reporter: &Reporter,
+) -> Result<Option<(Dataset, Gram)>, Failure> {
+    let scenario = Scenario {
+        kinds: KindWeights { directional: 1.0, ..KindWeights::default() },
+        sky: Sky::Everywhere,
+        ..Scenario::default()
+    };
+    if prepared.scene.scenario.kinds == scenario.kinds {
+        return Ok(None);
+    }
+    let bake = &prepared.scene.bake;
+    let draw = Draw { scenario: &scenario, training: bake.conditions.min(128), held_out: bake.held_out.min(64) };
+    let settings = prepared.bake_settings();
+    let conditions = draw.conditions(tracer, settings.seed)?;
+    let table = crate::light::LightTable::from_conditions(&conditions);
+    let direct = trained.model.points.direct_matrix(tracer, &table);
+    let n = conditions.len();
+    let lit = (0..n).filter(|&c| direct.chunks_exact(3 * n).any(|row| row[c] > 0.0)).count();
+    if (lit as f64) < LEAST_LIT * n as f64 {
+        reporter.note("distant light hardly reaches this asset: classical PRT is compared under the model's own scenario only");
+        return Ok(None);
+    }
+    let dataset = Dataset::bake(tracer, &prepared.lightmap, &trained.model.points, draw, &settings, reporter)?;
+    let gram = Gram::of(&dataset, reporter)?;
+    Ok(Some((dataset, gram)))
+}
+
+/// Mean held-out error, one line per method, one column per size.
+fn print_table(rows: &[Row]) {
+    let mut groups: Vec<(&str, &str, Option<&str>)> = Vec::new();
+    for row in rows {
+        let group = (row.scenario.as_str(), row.method, row.lambda_choice);
+        if !groups.contains(&group) {
+            groups.push(group);
+        }
+    }
+    let mut scenario = "";
+    for group in groups {
+        if group.0 != scenario {
+            scenario = group.0;
+            println!("\nmean relative RMSE on held-out lights, {scenario}; in brackets the oracle");
+        }
+        let cells: Vec<String> = rows
+            .iter()
+            .filter(|r| (r.scenario.as_str(), r.method, r.lambda_choice) == group)
+            .map(|r| {
+                let oracle = r.oracle_mean.map_or(String::new(), |o| format!(" ({:.1})", 100.0 * o));
+                format!("{}: {:.1}{oracle} %", r.coefficients, 100.0 * r.mean)
+            })
+            .collect();
+        println!("  {:<34} {}", method_label(group.1, group.2), cells.join("   "));
+    }
+    println!();
+}

@@ -1,0 +1,388 @@
+//! Puts the report of one model together: errors of every method, plots, and pictures under three held-out lights.
+
+use glam::Vec3;
+
+use super::comparison::{Comparison, Row};
+use super::figures::{self, LightmapImage};
+use super::page::{Image, Page, Plate, Plot, method_label};
+use super::plot::{Series, line_plot};
+use crate::dataset::Dataset;
+use crate::light::{LightTable, LightingCondition};
+use crate::math::Rgb;
+use crate::model::render::render;
+use crate::model::{Basis, Model, Picture, Shown, Transfer, View, ViewError};
+use crate::progress::Progress;
+use crate::prt::{PrtError, PrtSettings, ShPrt, bake_texels, bake_vertices, light_coefficients};
+use crate::scene::{Lightmap, Tracer};
+use crate::transfer::{Fit, Gram, HeldOutErrors, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings, TransferError};
+use crate::transport::reference::{Reference, ReferenceError, ReferenceSettings};
+use crate::transport::{BakeError, BakeSettings, bake_direct};
+
+/// The largest order of spherical harmonics that is compared.
+const ORDER: usize = 6;
+
+/// The order whose pictures are shown: 16 coefficients, as many as the default basis.
+const SHOWN_ORDER: usize = 4;
+
+/// Size of the pictures, pixels.
+const PICTURE: (u32, u32) = (360, 300);
+
+/// Paths per pixel of the reference pictures.
+const REFERENCE_PATHS: u32 = 64;
+
+/// Difference, relative to the picture's mean, at which false colour is brightest.
+const FULL_SCALE: f32 = 0.5;
+
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    #[error(transparent)]
+    Transfer(#[from] TransferError),
+    #[error(transparent)]
+    View(#[from] ViewError),
+    #[error("stopped")]
+    Cancelled,
+}
+
+impl From<BakeError> for ReportError {
+    fn from(BakeError::Cancelled: BakeError) -> Self {
+        ReportError::Cancelled
+    }
+}
+
+impl From<PrtError> for ReportError {
+    fn from(_: PrtError) -> Self {
+        // The order is a constant of this file, in range.
+        ReportError::Cancelled
+    }
+}
+
+impl From<ReferenceError> for ReportError {
+    fn from(error: ReferenceError) -> Self {
+        match error {
+            ReferenceError::View(error) => error.into(),
+            ReferenceError::Stopped(error) => error.into(),
+        }
+    }
+}
+
+/// A dataset under the name of its scenario, with its Gram matrix.
+pub struct Scenery<'a> {
+    pub name: &'a str,
+    pub dataset: &'a Dataset,
+    pub gram: &'a Gram,
+}
+
+/// What a report is made from.
+pub struct Inputs<'a> {
+    pub model: &'a Model,
+    pub tracer: &'a Tracer<'a>,
+    pub lightmap: &'a Lightmap,
+    pub bake: BakeSettings,
+    /// λ given by the user, relative.
+    pub lambda: Option<f64>,
+    /// The model's fit.
+    pub fit: &'a Fit,
+    /// The model's own scenario first.
+    pub scenarios: Vec<Scenery<'a>>,
+}
+
+/// A report, ready to be written.
+pub struct Report {
+    pub page: Page,
+    /// File name and PNG bytes.
+    pub images: Vec<(String, Vec<u8>)>,
+    /// File name and text.
+    pub tables: Vec<(String, String)>,
+}
+
+impl Inputs<'_> {
+    /// Compares, plots and renders.
+    ///
+    /// # Errors
+    /// When a fit fails, the camera is unusable, or `progress` cancels.
+    pub fn assemble(&self, progress: &dyn Progress) -> Result<Report, ReportError> {
+        let settings = PrtSettings {
+            order: ORDER,
+            paths: self.bake.paths,
+            max_bounces: self.bake.max_bounces,
+            seed: self.bake.seed,
+        };
+        let vertices = bake_vertices(self.tracer, self.lightmap, &settings, progress)?;
+        let texels = bake_texels(self.tracer, self.lightmap, &settings, progress)?;
+        let centre = self.model.asset.mesh.bounds().centre();
+
+        let mut rows = Vec::new();
+        for scenery in &self.scenarios {
+            let held_out = &scenery.dataset.conditions[scenery.dataset.held_out()];
+            let direct = bake_direct(self.tracer, self.lightmap, held_out, self.bake.seed, progress)?;
+            let comparison = Comparison {
+                scenario: scenery.name.to_owned(),
+                dataset: scenery.dataset,
+                gram: scenery.gram,
+                direct: &direct,
+                channels: self.fit.settings.channels,
+                lambda: self.lambda,
+            };
+            rows.extend(comparison.data_driven()?);
+            rows.extend(comparison.classical(&vertices, "sh_prt_vertex", centre));
+            rows.extend(comparison.classical(&texels, "sh_prt_texel", centre));
+        }
+
+        let own = &self.scenarios[0];
+        let mut plates = self.relit(own, &vertices, &texels, centre, progress)?;
+        plates.push(self.points()?);
+        plates.push(self.basis(own.dataset));
+        let mut images = Vec::new();
+        for plate in &plates {
+            for (k, image) in plate.rows.iter().flatten().enumerate() {
+                let name = format!("{}-{:02}-{}.png", file_part(&plate.title), k + 1, file_part(&image.caption));
+                images.push((name, image.png.clone()));
+            }
+        }
+        let plots = self.plots(&rows);
+        let tables = vec![
+            ("errors.csv".to_owned(), csv(&rows)),
+            ("singular_values.csv".to_owned(), singular_values_csv(&self.fit.singular_values)),
+        ];
+        let page = Page { title: format!("{}: direct-to-indirect transfer", self.model.asset.name), facts: self.facts(own), rows, plots, plates };
+        Ok(Report { page, images, tables })
+    }
+
+    fn facts(&self, own: &Scenery) -> Vec<(String, String)> {
+        let record = &self.model.record;
+        let fact = |name: &str, value: String| (name.to_owned(), value);
+        vec![
+            fact("triangles", self.model.asset.mesh.triangles.len().to_string()),
+            fact("lightmap", format!("{0} x {0}, {1} texels", self.lightmap.size, self.lightmap.texels.len())),
+            fact("measurement points", format!("{} of {} sub-points each", self.model.points.points.len(), self.model.points.neighbours_per_point())),
+            fact("conditions", format!("{} to train, {} held out", own.dataset.training, own.dataset.held_out().len())),
+            fact("paths per texel", self.bake.paths.to_string()),
+            fact("noise of the bake", format!("{:.1} % (part of every error below)", 100.0 * record.held_out.noise)),
+            fact("seed", self.bake.seed.to_string()),
+        ]
+    }
+
+    fn plots(&self, rows: &[Row]) -> Vec<Plot> {
+        let mut plots = Vec::new();
+        for scenery in &self.scenarios {
+            plots.push(Plot {
+                title: format!("Error against size, {}", scenery.name),
+                note: "Held-out error (plain) and the oracle of the same basis (dashed), as Figure 14 of the paper. SH PRT of order l has l² coefficients.".into(),
+                svg: line_plot("coefficients per texel and channel", "relative RMSE", true, true, &error_series(rows, scenery.name)),
+            });
+        }
+        let first = self.fit.singular_values.first().copied().unwrap_or(1.0);
+        let points: Vec<(f64, f64)> = (self.fit.singular_values.iter().enumerate())
+            .take(256)
+            .map(|(i, s)| ((i + 1) as f64, (s / first).powi(2)))
+            .filter(|p| p.1 > 1e-9)
+            .collect();
+        let series = Series { label: "σ² / σ₁²".into(), colour: 0, dashed: false, points };
+        plots.push(Plot {
+            title: "Relative eigenvalues of the indirect light".into(),
+            note: "Of the Gram matrix that the basis comes from, as Figure 3 of the paper. The floor on the right is the path tracer's noise.".into(),
+            svg: line_plot("element", "relative eigenvalue", true, true, &[series]),
+        });
+        plots
+    }
+
+    /// Relit pictures of three held-out conditions: well, middling and badly reconstructed ones.
+    fn relit(
+        &self,
+        own: &Scenery,
+        vertices: &ShPrt,
+        texels: &ShPrt,
+        centre: Vec3,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Plate>, ReportError> {
+        let errors = HeldOutErrors::of(self.fit, own.dataset, own.gram);
+        let lit: Vec<usize> = own.dataset.held_out().filter(|&h| own.gram.squared_norm(h) > 0.0).collect();
+        let mut order: Vec<usize> = (0..errors.transfer.len()).collect();
+        order.sort_by(|&a, &b| errors.transfer[a].total_cmp(&errors.transfer[b]));
+        let baseline = self.baseline(own)?;
+        let mut plates = Vec::new();
+        for (share, name) in [(0.1, "one of the best tenth"), (0.5, "the median"), (0.9, "one of the worst tenth")] {
+            let Some(&k) = order.get(((order.len() as f64 - 1.0) * share).round() as usize) else { continue };
+            let condition = &own.dataset.conditions[lit[k]];
+            let rows = self.relit_rows(condition, &baseline, vertices, texels, centre, progress)?;
+            plates.push(Plate {
+                title: format!("Held-out light: {name}"),
+                note: format!(
+                    "Relative RMSE of the lightmap {:.1} %. Path traced with {REFERENCE_PATHS} paths a pixel. Error: difference over the mean of the reference, brightest at {:.0} %.",
+                    100.0 * errors.transfer[k],
+                    100.0 * FULL_SCALE
+                ),
+                rows,
+                pixelated: false,
+            });
+        }
+        Ok(plates)
+    }
+
+    /// The paper's baseline with as many elements as the model.
+    fn baseline(&self, own: &Scenery) -> Result<(Basis, Transfer), ReportError> {
+        let fit = self.fit.settings;
+        let lambda = self.lambda.map_or(PUBLISHED_LAMBDA, Lambda::Relative);
+        let settings = TrainSettings { method: Method::Belcour, lambda, ..fit };
+        let (values, transfer) = Fit::train(own.dataset, own.gram, settings)?.expand(own.dataset);
+        Ok((Basis::from_texels(self.lightmap, transfer.elements, &values), transfer))
+    }
+
+    fn relit_rows(
+        &self,
+        condition: &LightingCondition,
+        (baseline, baseline_transfer): &(Basis, Transfer),
+        vertices: &ShPrt,
+        texels: &ShPrt,
+        centre: Vec3,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Vec<Image>>, ReportError> {
+        let model = self.model;
+        let view = View::new(model.asset.cameras[0].clone(), PICTURE.0, PICTURE.1);
+        let table = LightTable::new(&condition.lights);
+        let settings = ReferenceSettings { samples: REFERENCE_PATHS, max_bounces: self.bake.max_bounces, seed: self.bake.seed };
+        let reference = Reference::trace(self.tracer, &view, &condition.lights, &settings, progress)?;
+        let direct = render(self.tracer, &view, &table, Shown::Direct, &|_| Rgb::ZERO)?;
+        let x = model.points.direct(self.tracer, &table);
+        let ours = model.render_with(self.tracer, &view, &table, &model.transfer.coefficients(&x), Shown::Indirect)?;
+        let u = baseline_transfer.coefficients(&x);
+        let published = render(self.tracer, &view, &table, Shown::Indirect, &|uv| baseline.sample(uv, &u))?;
+        let light = light_coefficients(&condition.lights, centre, SHOWN_ORDER);
+        let classical = |prt: &ShPrt| {
+            let image = LightmapImage::new(self.lightmap, &prt.indirect(&light));
+            render(self.tracer, &view, &table, Shown::Indirect, &|uv| image.sample(uv))
+        };
+        let (by_vertex, by_texel) = (classical(vertices)?, classical(texels)?);
+
+        // The reference's direct light is noisy at shadow edges only; its sum with the indirect light sets the exposure.
+        let truth = figures::sum(&direct, &reference.indirect);
+        let exposure = figures::exposure_for(&truth);
+        // Indirect light alone is darker: all its pictures are shown one stop brighter.
+        let picture = |p: &Picture, caption: String| figures::render(p, exposure, caption);
+        let dim = |p: &Picture, caption: String| figures::render(p, 2.0 * exposure, caption);
+        let error = |p: &Picture| figures::error(p, &reference.indirect, &truth, FULL_SCALE, "error of the indirect light");
+        let n = model.transfer.elements;
+        let prt = format!("order {SHOWN_ORDER}");
+        Ok(vec![
+            vec![
+                picture(&direct, "direct".into()),
+                dim(&ours, format!("indirect, {n} elements (one stop up)")),
+                picture(&figures::sum(&direct, &ours), "sum".into()),
+                picture(&truth, "reference, path traced".into()),
+                error(&ours),
+            ],
+            vec![
+                dim(&reference.indirect, "reference, indirect".into()),
+                dim(&published, format!("Belcour 2022, {n} elements")),
+                error(&published),
+                dim(&by_texel, format!("SH PRT per texel, {prt}")),
+                dim(&by_vertex, format!("SH PRT per vertex, {prt}")),
+            ],
+        ])
+    }
+
+    fn points(&self) -> Result<Plate, ReportError> {
+        let points = &self.model.points;
+        let view = View::new(self.model.asset.cameras[0].clone(), 560, 440);
+        let images = vec![
+            figures::points(self.tracer, &view, points, false, format!("{} measurement points", points.points.len()))?,
+            figures::points(self.tracer, &view, points, true, format!("{} sub-points in the colours of their points", points.sub_points.len()))?,
+        ];
+        Ok(Plate {
+            title: "Measurement points".into(),
+            note: "Where direct light is measured (Figure 4 of the paper).".into(),
+            rows: vec![images],
+            pixelated: false,
+        })
+    }
+
+    fn basis(&self, dataset: &Dataset) -> Plate {
+        let (values, transfer) = self.fit.expand(dataset);
+        let plane = dataset.texels();
+        let components = self.model.basis.components;
+        // A coloured basis is shown by its green part.
+        let component = components / 2;
+        let images: Vec<Image> = (0..transfer.elements.min(8))
+            .map(|j| {
+                let at = (j * components + component) * plane;
+                figures::signed_lightmap(self.lightmap, &values[at..at + plane], format!("element {}", j + 1))
+            })
+            .collect();
+        let mut rows: Vec<Vec<Image>> = Vec::new();
+        for image in images {
+            match rows.last_mut() {
+                Some(row) if row.len() < 4 => row.push(image),
+                _ => rows.push(vec![image]),
+            }
+        }
+        Plate {
+            title: "Basis".into(),
+            note: "The first elements as lightmaps: red positive, blue negative, square-root scale.".into(),
+            rows,
+            pixelated: true,
+        }
+    }
+}
+
+/// One line per method and choice of λ, with its oracle dashed where it has one.
+fn error_series(rows: &[Row], scenario: &str) -> Vec<Series> {
+    let mut series: Vec<Series> = Vec::new();
+    let mut groups: Vec<(&str, Option<&str>)> = rows.iter().map(|r| (r.method, r.lambda_choice)).collect();
+    groups.sort();
+    groups.dedup();
+    // This program's own method comes first.
+    groups.sort_by_key(|(method, _)| *method != "linear");
+    for (colour, (method, choice)) in groups.into_iter().enumerate() {
+        let own: Vec<&Row> =
+            rows.iter().filter(|r| r.scenario == scenario && r.method == method && r.lambda_choice == choice).collect();
+        let label = method_label(method, choice);
+        let line = |value: &dyn Fn(&Row) -> Option<f64>| -> Vec<(f64, f64)> {
+            own.iter().filter_map(|r| value(r).map(|v| (r.coefficients as f64, v))).collect()
+        };
+        let oracle = line(&|r| r.oracle_mean);
+        series.push(Series { label: label.clone(), colour, dashed: false, points: line(&|r| Some(r.mean)) });
+        // The baseline's basis, and so its oracle, is the same for every λ.
+        if !oracle.is_empty() && (method == "linear" || choice != Some("leave-one-out")) {
+            series.push(Series { label: format!("{label}: oracle"), colour, dashed: true, points: oracle });
+        }
+    }
+    series
+}
+
+fn csv(rows: &[Row]) -> String {
+    let mut out = String::from("scenario,method,lambda_choice,lambda,coefficients,points,mean,median,worst,oracle_mean,total_mean\n");
+    for r in rows {
+        let number = |v: Option<f64>| v.map_or(String::new(), |v| v.to_string());
+        out += &format!(
+            "{},{},{},{},{},{},{},{},{},{},{}\n",
+            r.scenario,
+            r.method,
+            r.lambda_choice.unwrap_or(""),
+            number(r.lambda),
+            r.coefficients,
+            r.points,
+            r.mean,
+            r.median,
+            r.worst,
+            number(r.oracle_mean),
+            r.total_mean
+        );
+    }
+    out
+}
+
+fn singular_values_csv(values: &[f64]) -> String {
+    let lines = values.iter().enumerate().map(|(i, s)| format!("{},{s}\n", i + 1));
+    std::iter::once("element,singular_value\n".to_owned()).chain(lines).collect()
+}
+
+/// Letters and digits of a caption, for a file name.
+fn file_part(caption: &str) -> String {
+    let words: Vec<String> = caption
+        .split(|c: char| !c.is_ascii_alphanumeric())
+        .filter(|w| !w.is_empty())
+        .take(5)
+        .map(str::to_lowercase)
+        .collect();
+    words.join("-")
+}
