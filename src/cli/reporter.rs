@@ -70,7 +70,7 @@ impl Progress for Reporter {
         let bar = self.terminal.then(|| {
             let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr());
             let style = ProgressStyle::with_template(
-                "{msg:<7}[{bar:20}] {human_pos}/{human_len} {prefix}  {per_sec}  {elapsed} elapsed, {eta} left",
+                "{msg:<9}[{bar:20}] {human_pos}/{human_len} {prefix}  {per_sec}  {elapsed} elapsed, {eta} left",
             );
             bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("##."));
             bar.set_message(what.to_owned());
@@ -99,7 +99,7 @@ impl Progress for Reporter {
                 self.next_line.store(due + LINE_SECONDS * 1000, Relaxed);
                 let left = elapsed.mul_f64(stage.total.saturating_sub(done) as f64 / done.max(1) as f64);
                 let Stage { what, unit, total, .. } = stage;
-                eprintln!("{what:<7}{done}/{total} {unit}  {} elapsed, {} left", clock(elapsed), clock(left));
+                eprintln!("{what:<9}{done}/{total} {unit}  {} elapsed, {} left", clock(elapsed), clock(left));
             }
         }
     }
@@ -111,7 +111,7 @@ impl Progress for Reporter {
                 bar.finish_and_clear();
             }
             if !self.cancelled() {
-                eprintln!("{what:<7}{total} {unit} in {:.1} s", start.elapsed().as_secs_f64());
+                eprintln!("{what:<9}{total} {unit} in {:.1} s", start.elapsed().as_secs_f64());
             }
         }
     }
