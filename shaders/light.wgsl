@@ -1,4 +1,4 @@
-// Punctual lights: what arrives at a point, without shadow (METHOD eq. 2). CPU twin: LightTable::arrive.
+// Punctual lights: what arrives at a point, without shadow (METHOD eq. 1). CPU twin: LightTable::arrive.
 struct Light {
     position: vec3f,      // metres, world space; for a directional light the unit vector towards it
     local: f32,           // 1 for point and spot, 0 for directional
@@ -26,6 +26,7 @@ fn arrive(light: Light, point_ws: vec3f, normal_ws: vec3f) -> Arrival {
     let falloff = light.local * window / d2 + (1.0 - light.local);
     let ramp = saturate(-dot(direction, light.direction) * light.cone_scale + light.cone_offset);
     let cos_surface = max(dot(direction, normal_ws), 0.0);
-    let reach = light.local + (1.0 - light.local) * frame.extent;
+    // Directional lights stand beyond all geometry.
+    let reach = light.local + (1.0 - light.local) * 2.0 * frame.extent;
     return Arrival(direction, to_light * reach, light.radiant * (falloff * ramp * ramp * cos_surface));
 }

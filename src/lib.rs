@@ -20,6 +20,8 @@
 //!
 //! `docs/METHOD.md` has the notation and the numbered equations that comments cite.
 
+pub mod dataset;
+pub mod files;
 pub mod gpu;
 pub mod light;
 pub mod math;
@@ -27,3 +29,5 @@ pub mod measure;
 pub mod model;
 pub mod progress;
 pub mod scene;
+pub mod transfer;
+pub mod transport;

@@ -133,7 +133,8 @@ fn gpu_material(asset: &Asset, pages: &Pages, material: &Material) -> GpuMateria
 }
 
 fn gpu_lights(lights: &[Light]) -> Vec<GpuLight> {
-    let table = LightTable::new(lights.iter().filter(|light| !matches!(light, Light::Emissive { .. })));
+    let punctual: Vec<Light> = lights.iter().filter(|l| !matches!(l, Light::Emissive { .. })).cloned().collect();
+    let table = LightTable::new(&punctual);
     (0..table.len)
         .map(|i| {
             let entry = table.entry(i);

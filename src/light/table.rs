@@ -7,6 +7,7 @@ use glam::Vec3;
 
 use super::{Light, LightingCondition};
 use crate::math::{LANES, Rgb};
+use crate::scene::Aabb;
 
 /// Punctual lights in structure-of-arrays form, padded to whole blocks with lights that emit nothing.
 pub struct LightTable {
@@ -14,6 +15,9 @@ pub struct LightTable {
     pub len: usize,
     blocks: Vec<LightBlock>,
     colours: Vec<Rgb>,
+    /// Which condition each light belongs to.
+    conditions: Vec<u32>,
+    condition_count: usize,
 }
 
 /// LANES lights. Directional lights have `local` = 0 and `position` = the direction towards the light.
@@ -60,9 +64,22 @@ pub struct Arrival {
 }
 
 impl LightTable {
-    /// Lays out punctual lights; [`Light::Emissive`] becomes a padding entry (its light is found by the path tracer).
-    pub fn new<'a>(lights: impl IntoIterator<Item = &'a Light>) -> Self {
-        let lights: Vec<&Light> = lights.into_iter().collect();
+    /// Lays out the lights of one condition.
+    pub fn new(lights: &[Light]) -> Self {
+        Self::lay_out(lights.iter().map(|light| (0, light)).collect(), 1)
+    }
+
+    /// Lays out all lights of all `conditions`, condition after condition.
+    pub fn from_conditions(conditions: &[LightingCondition]) -> Self {
+        let lights = conditions
+            .iter()
+            .enumerate()
+            .flat_map(|(c, condition)| condition.lights.iter().map(move |l| (c as u32, l)));
+        Self::lay_out(lights.collect(), conditions.len())
+    }
+
+    /// [`Light::Emissive`] becomes a padding entry: its light is found by the path tracer.
+    fn lay_out(lights: Vec<(u32, &Light)>, condition_count: usize) -> Self {
         let padding = LightBlock {
             position: [[0.0; LANES]; 3],
             direction: [[0.0; LANES], [0.0; LANES], [1.0; LANES]],
@@ -72,7 +89,7 @@ impl LightTable {
             cone_offset: [0.0; LANES],
         };
         let mut blocks = vec![padding; lights.len().div_ceil(LANES)];
-        for (i, light) in lights.iter().enumerate() {
+        for (i, (_, light)) in lights.iter().enumerate() {
             let (block, lane) = (&mut blocks[i / LANES], i % LANES);
             let mut set = |local: f32, position: Vec3, direction: Vec3, range: Option<f32>, cone: (f32, f32)| {
                 for axis in 0..3 {
@@ -92,17 +109,39 @@ impl LightTable {
                 Light::Emissive { .. } => {}
             }
         }
-        Self { len: lights.len(), blocks, colours: lights.iter().map(|l| l.radiant()).collect() }
+        Self {
+            len: lights.len(),
+            blocks,
+            colours: lights.iter().map(|(_, light)| light.radiant()).collect(),
+            conditions: lights.iter().map(|&(condition, _)| condition).collect(),
+            condition_count,
+        }
     }
 
-    /// All lights of all `conditions`, condition after condition.
-    pub fn from_conditions(conditions: &[LightingCondition]) -> Self {
-        Self::new(conditions.iter().flat_map(|c| &c.lights))
+    /// Bounds of all point and spot lights; `None` where a light is infinitely far or there is none.
+    pub fn bounds(&self) -> Option<Aabb> {
+        let mut bounds = Aabb::EMPTY;
+        for i in 0..self.len {
+            let (block, lane) = (&self.blocks[i / LANES], i % LANES);
+            if block.local[lane] == 0.0 {
+                return None;
+            }
+            if block.cone_scale[lane] != 0.0 || block.cone_offset[lane] != 0.0 {
+                let position = Vec3::from_array(std::array::from_fn(|axis| block.position[axis][lane]));
+                bounds = Aabb { min: bounds.min.min(position), max: bounds.max.max(position) };
+            }
+        }
+        bounds.min.is_finite().then_some(bounds)
     }
 
     /// Blocks of LANES lights.
     pub fn block_count(&self) -> usize {
         self.blocks.len()
+    }
+
+    /// N: the conditions that the lights belong to.
+    pub fn condition_count(&self) -> usize {
+        self.condition_count
     }
 
     /// Colour times intensity of light `i`.
@@ -121,6 +160,11 @@ impl LightTable {
             cone_scale: b.cone_scale[lane],
             cone_offset: b.cone_offset[lane],
         }
+    }
+
+    /// Which condition light `i` belongs to.
+    pub fn condition(&self, i: usize) -> usize {
+        self.conditions[i] as usize
     }
 
     /// What the lights of `block`, with unit colour, send to `point` with `normal` (METHOD eq. 2). Directional lights

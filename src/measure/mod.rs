@@ -1,6 +1,9 @@
 //! Measurement points, their sub-points, and the direct vector x.
 
 pub mod direct;
+pub mod points;
+
+pub use points::PointsError;
 
 use glam::Vec3;
 

@@ -1,10 +1,14 @@
 //! The trained model: what relights the asset. The file, and relighting on the CPU.
 
+pub mod file;
 pub mod picture;
+pub mod record;
 pub mod render;
 pub mod view;
 
+pub use file::ModelFileError;
 pub use picture::{Picture, PictureError};
+pub use record::{HeldOut, TrainingRecord};
 pub use view::{Shown, View, ViewError};
 
 use crate::math::Rgb;
@@ -13,7 +17,7 @@ use crate::scene::Asset;
 use half::f16;
 
 /// Whether colour channels share the vectors or have vectors of their own (paper 5.2).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Channels {
     /// Each channel is a vector of its own: one scalar basis, a transfer matrix for each channel.
@@ -56,6 +60,7 @@ pub struct Model {
     pub points: MeasurementPoints,
     pub basis: Basis,
     pub transfer: Transfer,
+    pub record: TrainingRecord,
 }
 
 impl Transfer {

@@ -1,11 +1,12 @@
 //! A rendered picture and its files.
 
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Cursor};
 use std::path::{Path, PathBuf};
 
 use exr::prelude::{SpecificChannels, WritableImage};
 use image::ImageEncoder;
 
+use crate::files::write_whole;
 use crate::math::Rgb;
 use crate::math::colour::{srgb8_from_linear, tone_map};
 
@@ -41,12 +42,11 @@ impl Picture {
 
     /// Writes a tone-mapped 8-bit PNG; a file of that name is replaced only once the new one is whole.
     pub fn write_png(&self, path: &Path, exposure: f32) -> Result<(), PictureError> {
-        let texels = self.srgb8(exposure);
-        replace_file(path, |file| {
-            image::codecs::png::PngEncoder::new(file)
-                .write_image(texels.as_flattened(), self.width, self.height, image::ExtendedColorType::Rgb8)
-                .map_err(|source| PictureError::Png { path: path.to_owned(), source })
-        })
+        let mut encoded = Vec::new();
+        image::codecs::png::PngEncoder::new(&mut encoded)
+            .write_image(self.srgb8(exposure).as_flattened(), self.width, self.height, image::ExtendedColorType::Rgb8)
+            .map_err(|source| PictureError::Png { path: path.to_owned(), source })?;
+        write(path, &encoded)
     }
 
     /// Writes scene-linear f32 radiance as OpenEXR; a file of that name is replaced only once the new one is whole.
@@ -56,33 +56,17 @@ impl Picture {
             (radiance.x, radiance.y, radiance.z)
         });
         let image = exr::image::Image::from_channels((self.width as usize, self.height as usize), channels);
-        replace_file(path, |file| {
-            image.write().to_buffered(file).map_err(|source| PictureError::Exr { path: path.to_owned(), source })
-        })
+        let mut encoded = Cursor::new(Vec::new());
+        image
+            .write()
+            .to_buffered(&mut encoded)
+            .map_err(|source| PictureError::Exr { path: path.to_owned(), source })?;
+        write(path, encoded.get_ref())
     }
 }
 
-/// Lets `write` fill a file beside `path`, then renames it, so that no reader meets half a picture.
-fn replace_file(
-    path: &Path,
-    write: impl FnOnce(&mut BufWriter<&mut std::fs::File>) -> Result<(), PictureError>,
-) -> Result<(), PictureError> {
-    let io = |source| PictureError::Io { path: path.to_owned(), source };
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Temporary files are private by default; a picture gets what the umask leaves.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(folder).map_err(io)?;
-    let mut buffered = BufWriter::new(file.as_file_mut());
-    write(&mut buffered)?;
-    buffered.flush().map_err(io)?;
-    drop(buffered);
-    file.persist(path).map_err(|e| io(e.error))?;
-    Ok(())
+fn write(path: &Path, encoded: &[u8]) -> Result<(), PictureError> {
+    write_whole(path, encoded).map_err(|source| PictureError::Io { path: path.to_owned(), source })
 }
 
 #[cfg(test)]
@@ -121,8 +105,11 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_is_not_there_is_named() {
-        let error = ramp().write_png(Path::new("/nowhere/at/all.png"), 1.0).unwrap_err();
-        assert!(error.to_string().starts_with("/nowhere/at/all.png: "), "{error}");
+    fn a_file_in_the_way_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("file"), "").unwrap();
+        let path = folder.path().join("file/picture.png");
+        let error = ramp().write_png(&path, 1.0).unwrap_err();
+        assert!(error.to_string().starts_with(&format!("{}: ", path.display())), "{error}");
     }
 }

@@ -9,10 +9,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{Model, Picture, Shown, View, ViewError};
-use crate::light::{Light, LightTable};
-use crate::math::{LANES, Rgb};
-use crate::scene::tracer::lanes;
-use crate::scene::{Hit, Surface, Tracer};
+use crate::light::{Light, LightGather, LightTable};
+use crate::math::Rgb;
+use crate::scene::{Hit, Surface, Tracer, lanes};
 
 impl Model {
     /// Relights the asset and takes its picture: measure, transfer, reconstruct, shade.
@@ -20,9 +19,8 @@ impl Model {
     /// # Errors
     /// A [`ViewError`] that says what is wrong with the view.
     pub fn render(&self, tracer: &Tracer, view: &View, lights: &[Light], shown: Shown) -> Result<Picture, ViewError> {
-        let table = LightTable::new(lights);
-        let coefficients = self.transfer.coefficients(&self.points.direct(tracer, &table));
-        self.render_with(tracer, view, &table, &coefficients, shown)
+        let coefficients = self.transfer.coefficients(&self.points.direct(tracer, lights));
+        self.render_with(tracer, view, lights, &coefficients, shown)
     }
 
     /// The same with given coefficients u, one RGB an element.
@@ -30,76 +28,84 @@ impl Model {
         &self,
         tracer: &Tracer,
         view: &View,
-        lights: &LightTable,
+        lights: &[Light],
         coefficients: &[Rgb],
         shown: Shown,
     ) -> Result<Picture, ViewError> {
         let pinhole = view.pinhole()?;
+        let table = LightTable::new(lights);
         let (width, grid) = (view.width as usize, view.samples_per_axis);
         let mut pixels = vec![Rgb::ZERO; width * view.height as usize];
-        pixels.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
-            for (x, pixel) in row.iter_mut().enumerate() {
-                let (first_x, first_y) = (x as u32 * grid, y as u32 * grid);
-                let mut sum = Rgb::ZERO;
-                for sample in 0..grid * grid {
-                    let to_scene = pinhole.direction(first_x + sample % grid, first_y + sample / grid);
-                    if let Some(hit) = first_visible(tracer, pinhole.eye, to_scene) {
-                        sum += self.radiance(tracer, hit, -to_scene, lights, coefficients, shown);
+        let rows = pixels.par_chunks_mut(width).enumerate();
+        rows.for_each_init(
+            || Shader {
+                model: self,
+                tracer,
+                table: &table,
+                gather: LightGather::new(&table, tracer),
+                coefficients,
+                shown,
+            },
+            |shader, (y, row)| {
+                for (x, pixel) in row.iter_mut().enumerate() {
+                    let (first_x, first_y) = (x as u32 * grid, y as u32 * grid);
+                    let mut sum = Rgb::ZERO;
+                    for sample in 0..grid * grid {
+                        let direction = pinhole.direction(first_x + sample % grid, first_y + sample / grid);
+                        if let Some(hit) = first_visible(tracer, pinhole.eye, direction) {
+                            sum += shader.radiance(hit, -direction);
+                        }
                     }
+                    *pixel = sum / (grid * grid) as f32;
                 }
-                *pixel = sum / (grid * grid) as f32;
-            }
-        });
+            },
+        );
         Ok(Picture { width: view.width, height: view.height, pixels })
-    }
-
-    /// Radiance that leaves `hit` along `to_view`.
-    fn radiance(
-        &self,
-        tracer: &Tracer,
-        hit: Hit,
-        to_view: Vec3,
-        lights: &LightTable,
-        coefficients: &[Rgb],
-        shown: Shown,
-    ) -> Rgb {
-        let asset = &self.asset;
-        let (triangle, u, v) = (hit.triangle as usize, hit.u, hit.v);
-        let surface = asset.surface(triangle, u, v, -to_view);
-        let indirect_irradiance = || {
-            let uv = asset.mesh.interpolate(&asset.mesh.lightmap_uvs, triangle, u, v);
-            // A truncated basis may ring below zero; light does not.
-            self.basis.sample(uv, coefficients).max(Vec3::ZERO)
-        };
-        let direct = || direct_radiance(tracer, &surface, to_view, lights) + surface.emitted;
-        let indirect = || indirect_irradiance() * surface.bsdf.albedo() * FRAC_1_PI;
-        match shown {
-            Shown::Full => direct() + indirect(),
-            Shown::Direct => direct(),
-            Shown::Indirect => indirect(),
-            Shown::IndirectOnWhite => indirect_irradiance() * FRAC_1_PI,
-        }
     }
 }
 
-/// What the lights send to `surface`, behind shadows, and it reflects along `to_view`.
-fn direct_radiance(tracer: &Tracer, surface: &Surface, to_view: Vec3, lights: &LightTable) -> Rgb {
-    let origin = surface.position + surface.geometric_normal * tracer.offset;
-    let rays = tracer.shadow_rays(origin);
-    let mut sum = Rgb::ZERO;
-    for block in 0..lights.block_count() {
-        let arrival = lights.arrive(block, origin, surface.normal, tracer.extent);
-        let reached = (0..LANES).fold(0, |mask, i| mask | ((arrival.irradiance[i] > 0.0) as u32) << i);
-        if reached == 0 {
-            continue;
-        }
-        for lane in lanes(rays.unoccluded(&arrival.segment, reached)) {
-            let to_light = Vec3::from_array(arrival.direction.map(|axis| axis[lane]));
-            let reflected = surface.bsdf.evaluate(surface.normal, to_view, to_light);
-            sum += reflected * lights.colour(block * LANES + lane) * arrival.irradiance[lane];
+/// Lights what rays hit.
+struct Shader<'t, 'a> {
+    model: &'t Model,
+    tracer: &'t Tracer<'a>,
+    table: &'t LightTable,
+    gather: LightGather<'t, 'a>,
+    coefficients: &'t [Rgb],
+    shown: Shown,
+}
+
+impl Shader<'_, '_> {
+    /// Radiance that leaves `hit` along `to_view`.
+    fn radiance(&mut self, hit: Hit, to_view: Vec3) -> Rgb {
+        let surface = self.tracer.surface(&hit, -to_view);
+        match self.shown {
+            Shown::Full => self.direct(&surface, to_view) + self.irradiance(hit) * surface.bsdf.albedo() * FRAC_1_PI,
+            Shown::Direct => self.direct(&surface, to_view),
+            Shown::Indirect => self.irradiance(hit) * surface.bsdf.albedo() * FRAC_1_PI,
+            Shown::IndirectOnWhite => self.irradiance(hit) * FRAC_1_PI,
         }
     }
-    sum
+
+    /// Indirect irradiance at `hit`.
+    fn irradiance(&self, hit: Hit) -> Rgb {
+        let mesh = &self.model.asset.mesh;
+        let uv = mesh.interpolate(&mesh.lightmap_uvs, hit.triangle as usize, hit.u, hit.v);
+        // A truncated basis may ring below zero; light does not.
+        self.model.basis.sample(uv, self.coefficients).max(Vec3::ZERO)
+    }
+
+    /// What `surface` emits, and what the lights send to it, behind shadows, and it reflects along `to_view`.
+    fn direct(&mut self, surface: &Surface, to_view: Vec3) -> Rgb {
+        let mut sum = surface.emitted;
+        self.gather.gather(surface, |arrived| {
+            for lane in lanes(arrived.open) {
+                let to_light = Vec3::from_array(arrived.direction.map(|axis| axis[lane]));
+                let reflected = surface.bsdf.evaluate(surface.normal, to_view, to_light);
+                sum += reflected * self.table.colour(arrived.light[lane] as usize) * arrived.irradiance[lane];
+            }
+        });
+        sum
+    }
 }
 
 /// The nearest surface that is drawn: back faces of one-sided materials are looked through.

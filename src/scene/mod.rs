@@ -2,14 +2,22 @@
 
 pub mod asset;
 pub mod bsdf;
+mod build;
+mod gltf;
+mod image_file;
+pub mod load;
 pub mod material;
 pub mod mesh;
+mod mtl;
+mod obj;
+mod obj_normals;
 pub mod surface;
 pub mod tracer;
 
 pub use asset::{Asset, Camera, PunctualKind, PunctualLight};
 pub use bsdf::BsdfSample;
+pub use load::{SceneError, load};
 pub use material::{Material, Reflectance, Texture, TextureRef, Wrap};
 pub use mesh::{Aabb, Mesh};
 pub use surface::{Bsdf, Hit, Surface};
-pub use tracer::Tracer;
+pub use tracer::{ShadowRays, Tracer, lanes, mask_of};

@@ -15,7 +15,7 @@ use obvhs::ray::{Ray, RayHit};
 use obvhs::triangle::Triangle;
 use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2_from_tris};
 
-use super::{Asset, Hit};
+use super::{Aabb, Asset, Hit, Surface};
 use crate::math::LANES;
 
 /// Meshes of at most this many triangles are tested whole (measured by `benches/trace.rs`).
@@ -46,7 +46,7 @@ type Corners = [Vec3; 3];
 
 enum Structure {
     Brute(Vec<TriangleBlock>),
-    Tree { wide: Box<CwBvh>, binary: Box<Bvh2> },
+    Tree { wide: Wide, binary: Box<Bvh2> },
 }
 
 /// LANES triangles, structure of arrays: `[corner][axis][lane]`.
@@ -65,7 +65,7 @@ impl<'a> Tracer<'a> {
         let structure = if triangles.len() <= BRUTE_FORCE_LIMIT {
             Structure::Brute(triangles.chunks(LANES).map(TriangleBlock::new).collect())
         } else {
-            build_tree(&triangles)
+            build_tree(&triangles, extent)
         };
         Self {
             asset,
@@ -92,15 +92,15 @@ impl<'a> Tracer<'a> {
                 }
             }
             Structure::Tree { wide, .. } => {
-                let ray = Ray::new(origin.into(), direction.into(), 0.0, t_max);
-                wide.ray_traverse(ray, &mut RayHit::none(), |ray, slot| {
-                    let triangle = wide.primitive_indices[slot];
+                let (ray, unit) = wide.ray(origin, direction, t_max);
+                wide.bvh.ray_traverse(ray, &mut RayHit::none(), |ray, slot| {
+                    let triangle = wide.bvh.primitive_indices[slot];
                     let candidate = intersect(&self.triangles[triangle as usize], origin, direction)
                         .map(|(t, u, v)| Hit { t, triangle, u, v })
-                        .filter(|h| h.t < ray.tmax && self.solid(h));
+                        .filter(|h| h.t < hit.t && h.t * unit < ray.tmax && self.solid(h));
                     candidate.map_or(f32::INFINITY, |h| {
                         hit = h;
-                        h.t
+                        h.t * unit
                     })
                 });
             }
@@ -113,25 +113,32 @@ impl<'a> Tracer<'a> {
         match &self.structure {
             Structure::Brute(_) => self.closest_hit(origin, segment, SEGMENT_END).is_some(),
             Structure::Tree { wide, .. } => {
-                let ray = Ray::new(origin.into(), segment.into(), 0.0, SEGMENT_END);
-                !wide.ray_traverse_miss(ray, |ray, slot| {
-                    let triangle = wide.primitive_indices[slot];
+                let (ray, unit) = wide.ray(origin, segment, SEGMENT_END);
+                !wide.bvh.ray_traverse_miss(ray, |_, slot| {
+                    let triangle = wide.bvh.primitive_indices[slot];
                     intersect(&self.triangles[triangle as usize], origin, segment)
                         .map(|(t, u, v)| Hit { t, triangle, u, v })
-                        .filter(|h| h.t < ray.tmax && self.solid(h))
-                        .map_or(f32::INFINITY, |h| h.t)
+                        .filter(|h| h.t < SEGMENT_END && self.solid(h))
+                        .map_or(f32::INFINITY, |h| h.t * unit)
                 })
             }
         }
     }
 
-    /// Readies the tracer for shadow rays from `origin`.
-    pub fn shadow_rays(&self, origin: Vec3) -> ShadowRays<'_, 'a> {
-        let fans = match &self.structure {
-            Structure::Brute(_) => self.triangles.iter().map(|corners| Fan::new(corners, origin)).collect(),
-            Structure::Tree { .. } => Vec::new(),
-        };
-        ShadowRays { tracer: self, origin, fans }
+    /// The surface at a hit of a ray along `direction`.
+    pub fn surface(&self, hit: &Hit, direction: Vec3) -> Surface {
+        self.asset.surface(hit.triangle as usize, hit.u, hit.v, direction)
+    }
+
+    /// Where a ray that leaves `surface` along `direction` starts: just off the surface, on the side that it leaves to.
+    pub fn leave(&self, surface: &Surface, direction: Vec3) -> Vec3 {
+        surface.position + surface.geometric_normal * self.offset.copysign(surface.geometric_normal.dot(direction))
+    }
+
+    /// Shadow rays against this asset, to be aimed from one point after another. `targets` bounds the lights that they go
+    /// to, `None` where some are infinitely far.
+    pub fn shadow_rays(&self, targets: Option<Aabb>) -> ShadowRays<'_, 'a> {
+        ShadowRays { tracer: self, targets, origin: Vec3::ZERO, fans: Vec::new() }
     }
 
     /// Whether the material is present at a hit.
@@ -143,15 +150,39 @@ impl<'a> Tracer<'a> {
 /// A segment ends just before the light, so that a light on a surface is not hidden by it.
 const SEGMENT_END: f32 = 1.0 - 1e-4;
 
-fn build_tree(triangles: &[Corners]) -> Structure {
-    let boxes: Vec<Triangle> =
-        triangles.iter().map(|&[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() }).collect();
-    // The wide BVH takes at most three triangles a leaf.
-    let params = BvhBuildParams { max_prims_per_leaf: 3, ..BvhBuildParams::medium_build() };
-    let binary = build_bvh2_from_tris(&boxes, params, &mut Default::default());
-    let mut wide = bvh2_to_cwbvh(&binary, params.max_prims_per_leaf, true, false);
-    wide.order_children(&boxes, false);
-    Structure::Tree { wide: Box::new(wide), binary: Box::new(binary) }
+/// The wide BVH, in units of its own: obvhs skips boxes that end within 1e-4 of a ray's start, so it is given coordinates in
+/// which that is far below the offset of any ray.
+struct Wide {
+    bvh: Box<CwBvh>,
+    /// Its units per metre.
+    scale: f32,
+}
+
+impl Wide {
+    /// The ray in the tree's coordinates, and the tree's units per unit of t.
+    fn ray(&self, origin: Vec3, direction: Vec3, t_max: f32) -> (Ray, f32) {
+        let length = direction.length().max(f32::MIN_POSITIVE);
+        let unit = self.scale * length;
+        (Ray::new((origin * self.scale).into(), (direction / length).into(), 0.0, t_max * unit), unit)
+    }
+}
+
+/// The asset's extent in the wide BVH's units.
+const WIDE_EXTENT: f32 = 1e5;
+
+fn build_tree(triangles: &[Corners], extent: f32) -> Structure {
+    // obvhs converts only trees of one triangle a leaf.
+    let params = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::medium_build() };
+    let build = |scale: f32| {
+        let scaled = |v: Vec3| (v * scale).into();
+        let boxes: Vec<Triangle> =
+            triangles.iter().map(|&[a, b, c]| Triangle { v0: scaled(a), v1: scaled(b), v2: scaled(c) }).collect();
+        build_bvh2_from_tris(&boxes, params, &mut Default::default())
+    };
+    let scale = WIDE_EXTENT / extent;
+    // A leaf of the wide BVH holds at most three triangles.
+    let bvh = bvh2_to_cwbvh(&build(scale), 3, true, false);
+    Structure::Tree { wide: Wide { bvh: Box::new(bvh), scale }, binary: Box::new(build(1.0)) }
 }
 
 /// Distance and barycentric coordinates (of the second and third corner) where the ray meets the triangle, if t > 0.
@@ -233,6 +264,18 @@ impl Fan {
         Self { planes: [b.cross(c), c.cross(a), a.cross(b)], volume: a.dot((b - a).cross(c - a)) }
     }
 
+    /// Whether the triangle's plane has any of `targets` on the far side from the origin; if not, it hides none of them.
+    #[inline]
+    fn parts(&self, &[a, b, c]: &Corners, origin: Vec3, targets: &Aabb) -> bool {
+        let normal = (b - a).cross(c - a);
+        let centre = targets.centre() - a;
+        let reach = normal.abs().dot(targets.max - targets.min) * 0.5;
+        // The plane's signed distance is −volume at the origin, within `reach` of normal·centre over the targets.
+        let side = normal.dot(centre);
+        let slack = 1e-5 * normal.abs().dot(centre.abs() + (origin - a).abs());
+        if self.volume > 0.0 { side + reach + slack > 0.0 } else { side - reach - slack < 0.0 }
+    }
+
     /// Lanes whose segment crosses the triangle.
     #[inline]
     fn blocks(&self, s: &Segments) -> u32 {
@@ -253,28 +296,44 @@ impl Fan {
     }
 }
 
+/// Bit i is set where lane i is.
 #[inline]
-fn mask_of(lanes: &[bool; LANES]) -> u32 {
+pub fn mask_of(lanes: &[bool; LANES]) -> u32 {
     lanes.iter().enumerate().fold(0, |mask, (i, &lane)| mask | (lane as u32) << i)
 }
 
 /// Shadow rays from one point, LANES at a time.
 pub struct ShadowRays<'t, 'a> {
     tracer: &'t Tracer<'a>,
+    targets: Option<Aabb>,
     origin: Vec3,
-    /// Every triangle of a mesh that is tested whole.
-    fans: Vec<Fan>,
+    /// The triangles that can lie between the origin and a target, for a mesh that is tested whole.
+    fans: Vec<(u32, Fan)>,
 }
 
 impl ShadowRays<'_, '_> {
+    /// Moves the common origin.
+    pub fn start_from(&mut self, origin: Vec3) {
+        self.origin = origin;
+        if let Structure::Brute(_) = &self.tracer.structure {
+            self.fans.clear();
+            for (triangle, corners) in self.tracer.triangles.iter().enumerate() {
+                let fan = Fan::new(corners, origin);
+                if self.targets.is_none_or(|targets| fan.parts(corners, origin, &targets)) {
+                    self.fans.push((triangle as u32, fan));
+                }
+            }
+        }
+    }
+
     /// The lanes of `active` whose segment nothing crosses.
     #[inline]
     pub fn unoccluded(&self, segments: &Segments, active: u32) -> u32 {
         let mut open = active;
         match &self.tracer.structure {
             Structure::Brute(_) => {
-                for (triangle, fan) in self.fans.iter().enumerate() {
-                    open &= !self.blocked_by(triangle, fan, segments, open);
+                for (triangle, fan) in &self.fans {
+                    open &= !self.blocked_by(*triangle as usize, fan, segments, open);
                     if open == 0 {
                         break;
                     }

@@ -1,0 +1,80 @@
+//! The end of a run that did not succeed: one line and an exit status.
+
+use std::process::ExitCode;
+
+use crate::dataset::DatasetError;
+use crate::light::ScenarioError;
+use crate::measure::PointsError;
+use crate::model::ModelFileError;
+use crate::scene::SceneError;
+use crate::scene_file::SceneFileError;
+use crate::transfer::TransferError;
+use crate::transport::BakeError;
+
+/// Why a command failed.
+#[derive(Debug)]
+pub enum Failure {
+    /// The input or the arguments are wrong (exit status 2).
+    Input(String),
+    /// The work itself failed (exit status 1).
+    Work(String),
+    /// The user stopped it (exit status 1).
+    Stopped,
+}
+
+impl Failure {
+    /// Prints the one line and gives the exit status.
+    pub fn report(&self) -> ExitCode {
+        match self {
+            Failure::Input(line) => {
+                eprintln!("error: {line}");
+                ExitCode::from(2)
+            }
+            Failure::Work(line) => {
+                eprintln!("error: {line}");
+                ExitCode::from(1)
+            }
+            Failure::Stopped => {
+                eprintln!("stopped; nothing was written. The same command starts again and gives the same result");
+                ExitCode::from(1)
+            }
+        }
+    }
+}
+
+macro_rules! input_error {
+    ($($error:ty),*) => {
+        $(impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                Failure::Input(error.to_string())
+            }
+        })*
+    };
+}
+input_error!(SceneError, SceneFileError, ScenarioError, PointsError, TransferError);
+
+impl From<BakeError> for Failure {
+    fn from(error: BakeError) -> Self {
+        match error {
+            BakeError::Cancelled => Failure::Stopped,
+        }
+    }
+}
+
+impl From<DatasetError> for Failure {
+    fn from(error: DatasetError) -> Self {
+        match error {
+            DatasetError::Scenario(error) => error.into(),
+            DatasetError::Bake(error) => error.into(),
+        }
+    }
+}
+
+impl From<ModelFileError> for Failure {
+    fn from(error: ModelFileError) -> Self {
+        match error {
+            ModelFileError::Write { .. } => Failure::Work(error.to_string()),
+            _ => Failure::Input(error.to_string()),
+        }
+    }
+}

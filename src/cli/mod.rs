@@ -1,0 +1,73 @@
+//! The command line: one file per command.
+
+pub mod failure;
+pub mod pipeline;
+pub mod reporter;
+pub mod settings;
+pub mod train;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use crate::files::write_whole;
+pub use failure::Failure;
+pub use reporter::Reporter;
+
+/// Trains a direct-to-indirect light transfer for one asset and relights the asset with it.
+///
+/// Without a command: trains on the built-in Cornell box, compares with the paper's baseline and classical SH PRT, and
+/// writes out/cornell.relight, out/report.html and pictures.
+#[derive(Parser)]
+#[command(version, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Threads to use [default: all processors]; results do not depend on it
+    #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Write the figures to FILE as JSON
+    #[arg(long, global = true, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Train(train::Train),
+}
+
+/// Parses the arguments, runs the command, prints one line for a failure. Exit status 0: done, 1: the work failed or was
+/// stopped, 2: the input or the arguments are wrong.
+pub fn run() -> ExitCode {
+    let arguments = Arguments::parse();
+    let reporter = Reporter::new();
+    if let Some(threads) = arguments.threads
+        && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global()
+    {
+        return Failure::Work(format!("cannot start {threads} threads: {error}")).report();
+    }
+    // Linear algebra runs inside our own tasks; threads of its own would make rounding depend on their number.
+    faer::set_global_parallelism(faer::Par::Seq);
+    let json = arguments.json.as_deref();
+    let result = match &arguments.command {
+        Some(Command::Train(train)) => train.run(json, &reporter),
+        None => Ok(()),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => failure.report(),
+    }
+}
+
+/// Writes a command's figures, where asked for.
+fn write_json(path: Option<&Path>, figures: &serde_json::Value) -> Result<(), Failure> {
+    let Some(path) = path else { return Ok(()) };
+    let text = format!("{figures:#}\n");
+    write_file(path, text.as_bytes())
+}
+
+/// Writes a result file.
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    write_whole(path, bytes).map_err(|error| Failure::Work(format!("{}: cannot be written: {error}", path.display())))
+}

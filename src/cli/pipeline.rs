@@ -1,0 +1,122 @@
+//! The steps that commands share: scene to dataset, dataset to model.
+
+use std::path::Path;
+use std::time::Instant;
+
+use crate::dataset::{Dataset, Draw};
+use crate::measure::MeasurementPoints;
+use crate::model::{Basis, HeldOut, Model, TrainingRecord};
+use crate::progress::Progress;
+use crate::scene::{Asset, Lightmap, Tracer, lay_out};
+use crate::scene_file::SceneFile;
+use crate::transfer::{Fit, Gram, HeldOutErrors, TrainSettings};
+use crate::transport::BakeSettings;
+
+use super::{Failure, Reporter};
+
+/// An asset with its lightmap laid out.
+pub struct Prepared {
+    pub scene: SceneFile,
+    pub asset: Asset,
+    pub lightmap: Lightmap,
+}
+
+/// A trained model with what it was trained from.
+pub struct Trained {
+    pub model: Model,
+    pub dataset: Dataset,
+    pub gram: Gram,
+    pub fit: Fit,
+    /// Per texel.
+    pub paths: u32,
+    pub bake_seconds: f64,
+    pub train_seconds: f64,
+}
+
+/// Loads the asset and lays out its lightmap, telling what was chosen and what was repaired.
+pub fn prepare(scene: SceneFile, reporter: &Reporter) -> Result<Prepared, Failure> {
+    let mut asset = scene.load_asset()?;
+    let choice = lay_out(&mut asset, scene.lightmap.size, scene.lightmap.uv)?;
+    for warning in &asset.warnings {
+        reporter.note(&format!("warning: {}: {warning}", asset.name));
+    }
+    for reason in &choice.reasons {
+        reporter.note(&format!("lightmap: {reason}"));
+    }
+    let lightmap = Lightmap::new(&asset.mesh, scene.lightmap.size as usize);
+    Ok(Prepared { scene, asset, lightmap })
+}
+
+impl Prepared {
+    /// Back from a model: the same asset, layout and settings that it was trained with.
+    pub fn from_model(model: &Model, place: &Path) -> Result<Self, Failure> {
+        let scene: SceneFile = toml::from_str(&model.record.scene)
+            .map_err(|e| Failure::Input(format!("{}: damaged: its scene settings do not parse: {}", place.display(), e.message())))?;
+        scene.check(&place.display().to_string())?;
+        let lightmap = Lightmap::new(&model.asset.mesh, scene.lightmap.size as usize);
+        Ok(Self { scene, asset: model.asset.clone(), lightmap })
+    }
+
+    pub fn bake_settings(&self) -> BakeSettings {
+        let bake = &self.scene.bake;
+        BakeSettings { paths: bake.paths, max_bounces: bake.max_bounces, seed: bake.seed }
+    }
+
+    /// Places points, draws conditions and bakes them.
+    pub fn dataset(&self, tracer: &Tracer, reporter: &Reporter) -> Result<(MeasurementPoints, Dataset), Failure> {
+        let (settings, bake) = (&self.scene.points, &self.scene.bake);
+        let points = MeasurementPoints::place(&self.asset, settings.count, settings.sub_points, bake.seed)?;
+        let draw = Draw { scenario: &self.scene.scenario, training: bake.conditions, held_out: bake.held_out };
+        let dataset = Dataset::bake(tracer, &self.lightmap, &points, draw, &self.bake_settings(), reporter)?;
+        Ok((points, dataset))
+    }
+
+    /// Bakes and trains.
+    pub fn train(&self, reporter: &Reporter) -> Result<Trained, Failure> {
+        let start = Instant::now();
+        let tracer = Tracer::new(&self.asset);
+        let (points, dataset) = self.dataset(&tracer, reporter)?;
+        let bake_seconds = start.elapsed().as_secs_f64();
+        let start = Instant::now();
+        let gram = Gram::of(&dataset, reporter)?;
+        let train = &self.scene.train;
+        let settings = TrainSettings {
+            method: train.method,
+            channels: train.channels,
+            elements: train.basis,
+            lambda: train.lambda_for(train.method),
+        };
+        let fit = Fit::train(&dataset, &gram, settings)?;
+        if fit.dropped > 0 {
+            reporter.note(&format!("{} of {} conditions light nothing and were dropped", fit.dropped, dataset.training));
+        }
+        let errors = HeldOutErrors::of(&fit, &dataset, &gram);
+        let model = self.assemble(points, &dataset, &fit, &errors);
+        let train_seconds = start.elapsed().as_secs_f64();
+        Ok(Trained { model, dataset, gram, fit, paths: self.scene.bake.paths, bake_seconds, train_seconds })
+    }
+
+    fn assemble(&self, points: MeasurementPoints, dataset: &Dataset, fit: &Fit, errors: &HeldOutErrors) -> Model {
+        let (values, transfer) = fit.expand(dataset);
+        let basis = Basis::from_texels(&self.lightmap, transfer.elements, &values);
+        let summary = errors.summary();
+        let noise = &dataset.noise[dataset.held_out()];
+        let record = TrainingRecord {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            scene: toml::to_string(&self.scene).expect("settings hold nothing that TOML cannot"),
+            asset_hash: self.asset.hash(),
+            conditions: dataset.training,
+            dropped: fit.dropped,
+            lambda: fit.lambda,
+            held_out: HeldOut {
+                conditions: errors.transfer.len(),
+                mean: summary.mean,
+                median: summary.median,
+                worst: summary.worst,
+                oracle_mean: summary.oracle_mean,
+                noise: noise.iter().map(|&n| n as f64).sum::<f64>() / noise.len().max(1) as f64,
+            },
+        };
+        Model { asset: self.asset.clone(), points, basis, transfer, record }
+    }
+}

@@ -1,0 +1,84 @@
+//! Settings of the scene file that the command line can override, under the same names.
+
+use clap::Args;
+
+use super::Failure;
+use crate::model::Channels;
+use crate::scene::UvPolicy;
+use crate::scene_file::{MaterialPolicy, SceneFile};
+use crate::transfer::Method;
+
+/// Overrides of the scene file.
+#[derive(Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Settings (override the scene file)")]
+pub struct Overrides {
+    /// Side of the lightmap, texels
+    #[arg(long)]
+    pub size: Option<u32>,
+    /// Where the lightmap's charts come from
+    #[arg(long)]
+    pub uv: Option<UvPolicy>,
+    /// Lighting conditions to train on
+    #[arg(long)]
+    pub conditions: Option<usize>,
+    /// Conditions held out to test on
+    #[arg(long)]
+    pub held_out: Option<usize>,
+    /// Paths per texel, shared by all conditions
+    #[arg(long)]
+    pub paths: Option<u32>,
+    /// Reflections after which a path ends
+    #[arg(long)]
+    pub max_bounces: Option<u32>,
+    /// Measurement points
+    #[arg(long)]
+    pub points: Option<usize>,
+    /// Sub-points that each point averages
+    #[arg(long)]
+    pub sub_points: Option<usize>,
+    /// Basis elements
+    #[arg(long)]
+    pub basis: Option<usize>,
+    #[arg(long)]
+    pub method: Option<Method>,
+    /// Whether colour channels share the vectors (multi) or have vectors of their own (mono)
+    #[arg(long)]
+    pub channels: Option<Channels>,
+    /// Ridge, relative to trace(DDᵀ)/P
+    #[arg(long)]
+    pub lambda: Option<f64>,
+    /// All randomness comes from this number
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Reflection model of the surfaces
+    #[arg(long)]
+    pub materials: Option<MaterialPolicy>,
+}
+
+impl Overrides {
+    /// Applies the overrides to `scene` and checks the result; `place` names the scene in an error.
+    pub fn apply(&self, scene: &mut SceneFile, place: &str) -> Result<(), Failure> {
+        fn set<T: Clone>(to: &mut T, from: &Option<T>) {
+            if let Some(value) = from {
+                *to = value.clone();
+            }
+        }
+        set(&mut scene.lightmap.size, &self.size);
+        set(&mut scene.lightmap.uv, &self.uv);
+        set(&mut scene.bake.conditions, &self.conditions);
+        set(&mut scene.bake.held_out, &self.held_out);
+        set(&mut scene.bake.paths, &self.paths);
+        set(&mut scene.bake.max_bounces, &self.max_bounces);
+        set(&mut scene.bake.seed, &self.seed);
+        set(&mut scene.points.count, &self.points);
+        set(&mut scene.points.sub_points, &self.sub_points);
+        set(&mut scene.train.basis, &self.basis);
+        set(&mut scene.train.method, &self.method);
+        set(&mut scene.train.channels, &self.channels);
+        set(&mut scene.asset.materials, &self.materials);
+        if self.lambda.is_some() {
+            scene.train.lambda = self.lambda;
+        }
+        Ok(scene.check(place)?)
+    }
+}

@@ -1,0 +1,95 @@
+//! `relight train`: bakes D and I, trains, tests on held-out lights, writes the model.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+use serde_json::json;
+
+use super::pipeline::{Trained, prepare};
+use super::reporter::peak_bytes;
+use super::settings::Overrides;
+use super::{Failure, Reporter};
+use crate::scene_file::SceneFile;
+
+/// Train a transfer for an asset
+#[derive(Args)]
+pub struct Train {
+    /// A scene file, or a .glb, .gltf or .obj file to train under spot lights around it; nothing: the Cornell box built in
+    pub scene: Option<PathBuf>,
+    /// Where the model goes [default: out/NAME.relight]
+    #[arg(short, long, value_name = "MODEL")]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    pub overrides: Overrides,
+}
+
+impl Train {
+    pub fn run(&self, json: Option<&Path>, reporter: &Reporter) -> Result<(), Failure> {
+        let start = Instant::now();
+        let (mut scene, place) = match &self.scene {
+            Some(path) => (SceneFile::read(path)?, path.display().to_string()),
+            None => (SceneFile::cornell(), "cornell".to_owned()),
+        };
+        self.overrides.apply(&mut scene, &place)?;
+        let prepared = prepare(scene, reporter)?;
+        let output = self.output.clone().unwrap_or_else(|| default_output(&prepared.asset.name));
+        let trained = prepared.train(reporter)?;
+        let bytes = trained.model.save(&output)?;
+        let figures = figures(&trained, bytes, start.elapsed().as_secs_f64());
+        print_summary(&trained, &output, bytes);
+        super::write_json(json, &figures)
+    }
+}
+
+/// `out/NAME.relight`.
+pub fn default_output(name: &str) -> PathBuf {
+    let safe: String = name.chars().map(|c| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect();
+    Path::new("out").join(format!("{safe}.relight"))
+}
+
+/// What `--json` writes.
+pub fn figures(trained: &Trained, model_bytes: u64, total_seconds: f64) -> serde_json::Value {
+    let record = &trained.model.record;
+    let held_out = &record.held_out;
+    json!({
+        "method": trained.fit.settings.method,
+        "channels": trained.fit.settings.channels,
+        "basis": trained.fit.settings.elements,
+        "points": trained.model.points.points.len(),
+        "conditions": record.conditions,
+        "dropped": record.dropped,
+        "held_out": held_out.conditions,
+        "error": {
+            "mean": held_out.mean,
+            "median": held_out.median,
+            "worst": held_out.worst,
+            "oracle_mean": held_out.oracle_mean,
+            "noise": held_out.noise,
+        },
+        "lambda": record.lambda,
+        "condition_number": trained.fit.condition_number,
+        "seconds": { "bake": trained.bake_seconds, "train": trained.train_seconds, "total": total_seconds },
+        "texels": trained.dataset.texels(),
+        "paths_per_texel": trained.paths,
+        "peak_bytes": peak_bytes(),
+        "model_bytes": model_bytes,
+    })
+}
+
+/// The summary on stdout.
+pub fn print_summary(trained: &Trained, output: &Path, bytes: u64) {
+    let record = &trained.model.record;
+    let held_out = &record.held_out;
+    let percent = |x: f64| format!("{:.2} %", 100.0 * x);
+    println!(
+        "{} elements, {} points, {} conditions: relative RMSE on {} held-out conditions",
+        trained.fit.settings.elements,
+        trained.model.points.points.len(),
+        record.conditions,
+        held_out.conditions
+    );
+    println!("  mean {}  median {}  worst {}", percent(held_out.mean), percent(held_out.median), percent(held_out.worst));
+    println!("  oracle {} (the best that this basis allows), noise of the bake {}", percent(held_out.oracle_mean), percent(held_out.noise));
+    println!("wrote {} ({:.1} MB)", output.display(), bytes as f64 * 1e-6);
+}

@@ -1,0 +1,66 @@
+//! Bakes a dataset: draws the conditions, measures D, path traces I.
+
+use super::Dataset;
+use crate::light::{LightTable, LightingCondition, Scenario, ScenarioError};
+use crate::math::sampler::mix64;
+use crate::measure::MeasurementPoints;
+use crate::progress::Progress;
+use crate::scene::{Lightmap, Tracer};
+use crate::transport::{self, BakeError, BakeSettings};
+
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    #[error(transparent)]
+    Bake(#[from] BakeError),
+}
+
+/// Separates the held-out conditions' random numbers from the training conditions', so that more of either leaves the other
+/// as they are.
+const HELD_OUT_STREAM: u64 = 0x6865_6c64_5f6f_7574;
+
+/// How many conditions of which scenario.
+#[derive(Clone, Copy, Debug)]
+pub struct Draw<'s> {
+    pub scenario: &'s Scenario,
+    pub training: usize,
+    pub held_out: usize,
+}
+
+impl Draw<'_> {
+    /// The conditions, training first; the k-th of each depends on (seed, k) alone.
+    pub fn conditions(&self, tracer: &Tracer, seed: u64) -> Result<Vec<LightingCondition>, ScenarioError> {
+        let training = (0..self.training as u32).map(|k| self.scenario.sample(tracer, seed, k));
+        let held_out_seed = mix64(seed ^ HELD_OUT_STREAM);
+        let held_out = (0..self.held_out as u32).map(|k| self.scenario.sample(tracer, held_out_seed, k));
+        training.chain(held_out).collect()
+    }
+}
+
+impl Dataset {
+    /// Draws, measures and bakes.
+    ///
+    /// # Errors
+    /// When the scenario cannot be met in this asset, or when `progress` cancels.
+    pub fn bake(
+        tracer: &Tracer,
+        lightmap: &Lightmap,
+        points: &MeasurementPoints,
+        draw: Draw,
+        settings: &BakeSettings,
+        progress: &dyn Progress,
+    ) -> Result<Self, DatasetError> {
+        let conditions = draw.conditions(tracer, settings.seed)?;
+        let direct = points.direct_matrix(tracer, &LightTable::from_conditions(&conditions));
+        let baked = transport::bake(tracer, lightmap, &conditions, settings, progress)?;
+        Ok(Self {
+            training: draw.training,
+            direct,
+            indirect: baked.indirect,
+            texel_areas: lightmap.texels.iter().map(|t| t.area).collect(),
+            noise: baked.noise,
+            conditions,
+        })
+    }
+}

@@ -1,0 +1,33 @@
+//! Where a model comes from and how good it is: carried in its file, printed by `info`.
+
+use serde::{Deserialize, Serialize};
+
+/// How a model was trained. Nothing in it depends on the clock or the machine, so that the same inputs give the same file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrainingRecord {
+    /// Version of the program.
+    pub version: String,
+    /// The scene file's settings as used, in TOML, defaults included.
+    pub scene: String,
+    /// Hash of the mesh, materials, textures and lightmap layout that the model was trained on (BLAKE3, hexadecimal).
+    pub asset_hash: String,
+    /// Conditions trained on, and of these, how many were dropped because they light nothing.
+    pub conditions: usize,
+    pub dropped: usize,
+    /// λ relative to trace(DDᵀ)/P.
+    pub lambda: f64,
+    pub held_out: HeldOut,
+}
+
+/// Relative RMSE on conditions that training never saw, as fractions.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct HeldOut {
+    pub conditions: usize,
+    pub mean: f64,
+    pub median: f64,
+    pub worst: f64,
+    /// Mean error of the held-out lightmaps projected on the basis: what no transfer matrix can better.
+    pub oracle_mean: f64,
+    /// Mean share of the error that is the path tracer's own noise in the held-out lightmaps.
+    pub noise: f64,
+}

@@ -1,0 +1,8 @@
+//! Comparison of methods on held-out lights, its plots and pictures, and the HTML page.
+
+pub mod comparison;
+pub mod figures;
+pub mod page;
+pub mod plot;
+
+pub use comparison::{Comparison, Row};

@@ -1,0 +1,247 @@
+//! The scene file (TOML): the asset, its lightmap, the lights it will meet, and how to bake and train. Every field has a
+//! default; `scenes/cornell/scene.toml` shows them all.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::light::Scenario;
+use crate::model::Channels;
+use crate::scene::{Asset, Camera, SceneError, UvPolicy, generate, load};
+use crate::transfer::{Lambda, Method};
+
+#[derive(Debug, thiserror::Error)]
+pub enum SceneFileError {
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("{}: {message}", path.display())]
+    Parse { path: PathBuf, message: String },
+    #[error("{place}: {message}")]
+    Setting { place: String, message: String },
+    #[error("scene file: generator \"{0}\" is not known; there are cornell, interior and statue")]
+    UnknownGenerator(String),
+    #[error("scene file: [asset] needs either `path` or `generator`")]
+    NoAsset,
+    #[error(transparent)]
+    Asset(#[from] SceneError),
+}
+
+/// Everything that a training run depends on.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SceneFile {
+    pub asset: AssetSettings,
+    pub lightmap: LightmapSettings,
+    pub scenario: Scenario,
+    pub points: PointSettings,
+    pub bake: BakeSettings,
+    pub train: TrainSettings,
+    /// For pictures; the asset's own first camera, or one that sees all of it, where absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera: Option<Camera>,
+}
+
+/// Where the asset comes from.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AssetSettings {
+    /// A .gltf, .glb or .obj file; relative to the scene file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub path: Option<PathBuf>,
+    /// A built-in asset: cornell, interior or statue.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub generator: Option<String>,
+    pub materials: MaterialPolicy,
+}
+
+/// Which reflection model is used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum MaterialPolicy {
+    /// As the file says: metallic-roughness for glTF.
+    #[default]
+    File,
+    /// Every surface reflects diffusely with its base colour.
+    Lambert,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LightmapSettings {
+    /// Side of the square lightmap, texels.
+    pub size: u32,
+    /// Which UV set becomes the lightmap's charts.
+    pub uv: UvPolicy,
+}
+
+impl Default for LightmapSettings {
+    fn default() -> Self {
+        Self { size: 128, uv: UvPolicy::Auto }
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PointSettings {
+    /// P, measurement points.
+    pub count: usize,
+    /// Sub-points that each point averages (paper 5.1).
+    pub sub_points: usize,
+}
+
+impl Default for PointSettings {
+    fn default() -> Self {
+        Self { count: 128, sub_points: 8 }
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BakeSettings {
+    /// N, lighting conditions to train on.
+    pub conditions: usize,
+    /// Conditions that training never sees, to test on.
+    pub held_out: usize,
+    /// Paths per texel, shared by all conditions.
+    pub paths: u32,
+    /// Reflections after which a path ends whatever it carries.
+    pub max_bounces: u32,
+    /// All randomness comes from this number.
+    pub seed: u64,
+}
+
+impl Default for BakeSettings {
+    fn default() -> Self {
+        Self { conditions: 256, held_out: 128, paths: 256, max_bounces: 32, seed: 1 }
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainSettings {
+    pub method: Method,
+    /// n, basis elements; the mean counts as one for `belcour`.
+    pub basis: usize,
+    pub channels: Channels,
+    /// λ relative to trace(DDᵀ)/P; absent: leave-one-out for `linear`, the published value for `belcour`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lambda: Option<f64>,
+}
+
+impl Default for TrainSettings {
+    fn default() -> Self {
+        Self { method: Method::Linear, basis: 16, channels: Channels::Mono, lambda: None }
+    }
+}
+
+impl TrainSettings {
+    /// The λ that the settings mean for `method`.
+    pub fn lambda_for(&self, method: Method) -> Lambda {
+        match (self.lambda, method) {
+            (Some(value), _) => Lambda::Relative(value),
+            (None, Method::Linear) => Lambda::LeaveOneOut,
+            (None, Method::Belcour) => crate::transfer::PUBLISHED_LAMBDA,
+        }
+    }
+}
+
+/// The Cornell box that a run without arguments trains on.
+const CORNELL: &str = include_str!("../scenes/cornell/scene.toml");
+
+impl SceneFile {
+    /// The built-in Cornell box.
+    pub fn cornell() -> Self {
+        toml::from_str(CORNELL).expect("scenes/cornell/scene.toml is held valid by a test")
+    }
+
+    /// Reads `path`: a scene file, or an asset for which everything else is defaulted (spot lights around its bounds).
+    ///
+    /// # Errors
+    /// One line that names the file, the setting and what was expected.
+    pub fn read(path: &Path) -> Result<Self, SceneFileError> {
+        if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
+            return Ok(Self { asset: AssetSettings { path: Some(path.to_owned()), ..Default::default() }, ..Self::default() });
+        }
+        let text = std::fs::read_to_string(path).map_err(|source| SceneFileError::Read { path: path.to_owned(), source })?;
+        let mut scene: Self = toml::from_str(&text).map_err(|e| SceneFileError::Parse {
+            path: path.to_owned(),
+            message: one_line(&text, &e),
+        })?;
+        // Paths in the file are relative to it.
+        if let Some(asset) = &mut scene.asset.path
+            && let Some(folder) = path.parent()
+        {
+            *asset = folder.join(&asset);
+        }
+        Ok(scene)
+    }
+
+    /// What is wrong with the settings, if anything, as one line. `place` names where they come from.
+    pub fn check(&self, place: &str) -> Result<(), SceneFileError> {
+        let limits = [
+            ("lightmap.size", self.lightmap.size as u64, 8, 8192),
+            ("points.count", self.points.count as u64, 1, 65536),
+            ("points.sub_points", self.points.sub_points as u64, 1, 256),
+            ("bake.conditions", self.bake.conditions as u64, 1, 65536),
+            ("bake.held_out", self.bake.held_out as u64, 1, 65536),
+            ("bake.paths", self.bake.paths as u64, 1, 1 << 20),
+            ("bake.max_bounces", self.bake.max_bounces as u64, 1, 1024),
+            ("train.basis", self.train.basis as u64, 1, 1024),
+        ];
+        let error = |message: String| SceneFileError::Setting { place: place.to_owned(), message };
+        for (name, value, least, most) in limits {
+            if !(least..=most).contains(&value) {
+                return Err(error(format!("{name} = {value} must be from {least} to {most}")));
+            }
+        }
+        if let Some(lambda) = self.train.lambda
+            && !(lambda.is_finite() && lambda >= 0.0)
+        {
+            return Err(error(format!("train.lambda = {lambda} must be finite and not negative")));
+        }
+        if let Some(camera) = &self.camera {
+            camera.check().map_err(|why| error(format!("camera: {why}")))?;
+        }
+        // A bake that cannot fit is refused before it starts.
+        let texels = (self.lightmap.size as u64).pow(2);
+        let bytes = texels * 3 * (self.bake.conditions + self.bake.held_out) as u64 * 4;
+        if bytes > MOST_BYTES {
+            return Err(error(format!(
+                "{} conditions on a {2}x{2} lightmap need {1} GiB of memory; lower bake.conditions or lightmap.size",
+                self.bake.conditions + self.bake.held_out,
+                bytes >> 30,
+                self.lightmap.size
+            )));
+        }
+        Ok(())
+    }
+
+    /// Loads or generates the asset, with the scene's material policy and camera applied.
+    pub fn load_asset(&self) -> Result<Asset, SceneFileError> {
+        let mut asset = match (&self.asset.path, &self.asset.generator) {
+            (Some(path), None) => load(path)?,
+            (None, Some(name)) => generate(name).ok_or_else(|| SceneFileError::UnknownGenerator(name.clone()))?,
+            _ => return Err(SceneFileError::NoAsset),
+        };
+        if self.asset.materials == MaterialPolicy::Lambert {
+            asset.make_lambert();
+        }
+        if let Some(camera) = &self.camera {
+            asset.cameras.insert(0, camera.clone());
+        }
+        if asset.cameras.is_empty() {
+            asset.cameras.push(Camera::that_sees(&asset.mesh.bounds()));
+        }
+        Ok(asset)
+    }
+}
+
+/// Largest I that is held in memory.
+const MOST_BYTES: u64 = 64 << 30;
+
+/// A TOML error in one line, with the line's number.
+fn one_line(text: &str, error: &toml::de::Error) -> String {
+    let line = error.span().map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
+    let message = error.message().replace('\n', " ");
+    line.map_or(message.clone(), |line| format!("line {line}: {message}"))
+}

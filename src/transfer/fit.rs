@@ -1,0 +1,327 @@
+//! The two ways to train (METHOD section 4).
+//!
+//! - [`Method::Belcour`]: Belcour et al. 2022, section 4, as published. Each pair is divided by the norm of its direct vector,
+//!   the mean is subtracted, and the mean counts as one of the n elements; at run time it is scaled by ‖x‖.
+//! - [`Method::Linear`]: light transport is linear, and ‖x‖ is not. No mean; each condition is weighted by 1/‖i‖, so that the
+//!   fit minimises the relative error that is reported; λ by leave-one-out.
+
+use faer::{Mat, MatRef};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::ridge::{Ridge, eigen_descending};
+use super::{Gram, TransferError};
+use crate::dataset::Dataset;
+use crate::model::{Channels, Transfer};
+
+/// How basis and transfer are fitted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    Belcour,
+    Linear,
+}
+
+/// How λ is chosen. Relative values are in units of trace(DDᵀ)/P, D as it is weighted for the fit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Lambda {
+    /// The relative value with the least leave-one-out error.
+    LeaveOneOut,
+    Relative(f64),
+    /// In units of D itself. With `Method::Belcour` direct vectors have unit norm, as in the paper.
+    Absolute(f64),
+}
+
+/// The paper's λ (its figure 7), for direct vectors of unit norm.
+pub const PUBLISHED_LAMBDA: Lambda = Lambda::Absolute(0.01);
+
+/// Leave-one-out on noisy data can prefer λ = 0; this share of trace(DDᵀ) keeps light kinds never trained on from blowing up.
+const LEAVE_ONE_OUT_FLOOR: f64 = 1e-5;
+
+/// What to fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrainSettings {
+    pub method: Method,
+    pub channels: Channels,
+    /// n; the mean counts as one for [`Method::Belcour`].
+    pub elements: usize,
+    pub lambda: Lambda,
+}
+
+/// A fitted basis and transfer, in the space of training vectors.
+pub struct Fit {
+    pub settings: TrainSettings,
+    /// The relative λ that was used.
+    pub lambda: f64,
+    /// Conditions left out because their light missed every measurement point or the whole lightmap.
+    pub dropped: usize,
+    /// Of the basis that the first n were taken from, largest first.
+    pub singular_values: Vec<f64>,
+    /// Condition number of the weighted D, the largest over the channels.
+    pub condition_number: f64,
+    /// U = V · combination, with V the lightmaps of the training vectors: `[vector][element]`.
+    combination: Mat<f64>,
+    /// Training conditions that were kept.
+    kept: Vec<usize>,
+    /// Per group of vectors (R, G, B for mono; one for multi), M: `[element][row]`.
+    matrices: Vec<Mat<f64>>,
+}
+
+/// The vectors that a fit works on: for mono one group a channel, for multi one group of interleaved vectors.
+pub(super) fn groups(channels: Channels) -> &'static [&'static [usize]] {
+    match channels {
+        Channels::Mono => &[&[0], &[1], &[2]],
+        Channels::Multi => &[&[0, 1, 2]],
+    }
+}
+
+/// Direct vector of `group` for one condition, channels interleaved as `[point][channel of the group]`.
+pub(super) fn direct_vector(dataset: &Dataset, group: &[usize], condition: usize) -> Vec<f64> {
+    let columns: Vec<Vec<f64>> = group.iter().map(|&c| dataset.direct_column(c, condition)).collect();
+    (0..dataset.points()).flat_map(|p| columns.iter().map(move |column| column[p])).collect()
+}
+
+/// Inner product of the lightmap vectors of `a` and `b`, each (group, condition). Vectors of different channels of a mono
+/// basis have one, too, since the channels share their texels.
+pub(super) fn product(gram: &Gram, channels: Channels, a: (usize, usize), b: (usize, usize)) -> f64 {
+    match channels {
+        Channels::Mono => gram.product(a, b),
+        Channels::Multi => (0..3).map(|c| gram.product((c, a.1), (c, b.1))).sum(),
+    }
+}
+
+impl Fit {
+    /// Fits basis and transfer matrix to the training conditions of `dataset`.
+    ///
+    /// # Errors
+    /// [`TransferError::TooFewConditions`] when fewer conditions than basis elements are usable.
+    pub fn train(dataset: &Dataset, gram: &Gram, settings: TrainSettings) -> Result<Self, TransferError> {
+        let TrainSettings { method, channels, elements, lambda } = settings;
+        let groups = groups(channels);
+        let lit = |condition: &usize| {
+            let seen = groups.iter().any(|group| direct_vector(dataset, group, *condition).iter().any(|&x| x != 0.0));
+            seen && gram.squared_norm(*condition) > 0.0
+        };
+        let kept: Vec<usize> = (0..dataset.training).filter(lit).collect();
+        if kept.len() < elements.max(1) {
+            return Err(TransferError::TooFewConditions { kept: kept.len(), all: dataset.training, elements });
+        }
+        let n = kept.len();
+        let direct: Vec<Mat<f64>> = groups
+            .iter()
+            .map(|group| {
+                let columns: Vec<Vec<f64>> = kept.par_iter().map(|&k| direct_vector(dataset, group, k)).collect();
+                Mat::from_fn(columns[0].len(), n, |row, k| columns[k][row])
+            })
+            .collect();
+
+        // Vector v = group · n + k. Its weight divides both its direct vector and its lightmap.
+        let weight = |group: usize, k: usize| match method {
+            Method::Linear => 1.0 / gram.squared_norm(kept[k]).sqrt(),
+            Method::Belcour => {
+                let norm = direct[group].col(k).norm_l2();
+                // A channel without light has no pair to learn from.
+                if norm > 0.0 { 1.0 / norm } else { 0.0 }
+            }
+        };
+        let weights: Vec<f64> = (0..groups.len() * n).map(|v| weight(v / n, v % n)).collect();
+        let used = weights.iter().filter(|&&w| w > 0.0).count();
+
+        // Columns of `centring` map weighted vectors to the vectors that the SVD is taken of: I, or I − 1 1ᵀ/N where the mean
+        // is subtracted.
+        let weighted_gram = Mat::from_fn(weights.len(), weights.len(), |a, b| {
+            weights[a] * weights[b] * product(gram, channels, (a / n, kept[a % n]), (b / n, kept[b % n]))
+        });
+        let subtracts_mean = method == Method::Belcour;
+        let share = |v: usize| if subtracts_mean && weights[v] > 0.0 { 1.0 / used as f64 } else { 0.0 };
+        let centred = if subtracts_mean { centre(weighted_gram.as_ref(), &share) } else { weighted_gram };
+        let (values, vectors) = eigen_descending(centred.as_ref())?;
+        let singular_values: Vec<f64> = values.iter().map(|v| v.max(0.0).sqrt()).collect();
+
+        // Elements of the SVD, after the mean if there is one. Where the data have lower rank the rest stay zero.
+        let first = usize::from(subtracts_mean);
+        let rank = singular_values.iter().take_while(|&&s| s > singular_values[0] * 1e-7 && s > 0.0).count();
+        let spectral = elements.saturating_sub(first).min(rank);
+        let mut combination = Mat::<f64>::zeros(weights.len(), elements);
+        if subtracts_mean {
+            (0..weights.len()).for_each(|v| combination[(v, 0)] = weights[v] * share(v));
+        }
+        for j in 0..spectral {
+            let mean: f64 = (0..weights.len()).filter(|&v| share(v) > 0.0).map(|v| vectors[(v, j)]).sum();
+            for v in 0..weights.len() {
+                let centred = vectors[(v, j)] - mean * share(v);
+                combination[(v, first + j)] = weights[v] * centred / singular_values[j];
+            }
+        }
+        // C = Uᵀ I = Σ Vᵀ, with a zero row for the mean: its coefficient is not fitted.
+        let coefficients = Mat::from_fn(elements, weights.len(), |j, v| {
+            if j < first || j >= first + spectral { 0.0 } else { singular_values[j - first] * vectors[(v, j - first)] }
+        });
+
+        let ridges = direct
+            .par_iter()
+            .enumerate()
+            .map(|(g, d)| {
+                let weighted = Mat::from_fn(d.nrows(), n, |row, k| d[(row, k)] * weights[g * n + k]);
+                Ridge::new(weighted.as_ref())
+            })
+            .collect::<Result<Vec<Ridge>, _>>()?;
+        let of_group = |g: usize| coefficients.as_ref().subcols(g * n, n);
+        let relative = choose_lambda(lambda, &ridges, of_group);
+        let matrices = ridges.iter().enumerate().map(|(g, r)| r.solve(of_group(g), relative(r))).collect();
+        Ok(Self {
+            settings,
+            lambda: ridges.first().map_or(0.0, |r| relative(r) / r.mean_square.max(f64::MIN_POSITIVE)),
+            dropped: dataset.training - n,
+            singular_values,
+            condition_number: ridges.iter().map(Ridge::condition_number).fold(1.0, f64::max),
+            combination,
+            kept,
+            matrices,
+        })
+    }
+
+    /// Whether element 0 is the mean, scaled by ‖x‖.
+    pub fn has_mean(&self) -> bool {
+        self.settings.method == Method::Belcour
+    }
+
+    /// u = M x for one group's direct vector.
+    pub(super) fn coefficients(&self, group: usize, direct: &[f64]) -> Vec<f64> {
+        let x = faer::ColRef::from_slice(direct);
+        let u = &self.matrices[group] * x;
+        let mut u: Vec<f64> = u.iter().copied().collect();
+        if self.has_mean() {
+            u[0] = x.norm_l2();
+        }
+        u
+    }
+
+    /// Inner products of every element with the lightmap of (group, condition): `Uᵀ i`.
+    pub(super) fn project(&self, gram: &Gram, target: (usize, usize)) -> Vec<f64> {
+        let n = self.kept.len();
+        let mut out = vec![0.0; self.combination.ncols()];
+        for v in 0..self.combination.nrows() {
+            let p = product(gram, self.settings.channels, (v / n, self.kept[v % n]), target);
+            out.iter_mut().enumerate().for_each(|(j, out)| *out += self.combination[(v, j)] * p);
+        }
+        out
+    }
+
+    /// UᵀU: the identity, but for the mean's row and column.
+    pub(super) fn element_products(&self, gram: &Gram) -> Mat<f64> {
+        let n = self.kept.len();
+        let channels = self.settings.channels;
+        let all = Mat::from_fn(self.combination.nrows(), self.combination.nrows(), |a, b| {
+            product(gram, channels, (a / n, self.kept[a % n]), (b / n, self.kept[b % n]))
+        });
+        self.combination.transpose() * all * &self.combination
+    }
+
+    /// The basis over texels, `[element][component][texel]`, and the transfer to go with it. Elements are scaled to a largest
+    /// magnitude of 1, which suits half floats, and the transfer's rows by the inverse.
+    pub fn expand(&self, dataset: &Dataset) -> (Vec<f32>, Transfer) {
+        let mut values = self.basis_values(dataset);
+        let elements = self.settings.elements;
+        let mut scales = vec![1.0; elements];
+        let plane = values.len() / elements.max(1);
+        // The mean keeps its scale: its coefficient is ‖x‖ itself.
+        for j in usize::from(self.has_mean())..elements {
+            let peak = values[j * plane..(j + 1) * plane].iter().fold(0f32, |m, v| m.max(v.abs()));
+            if peak > 0.0 {
+                scales[j] = peak as f64;
+            }
+        }
+        for (element, &scale) in values.chunks_mut(plane.max(1)).zip(&scales) {
+            element.iter_mut().for_each(|v| *v = (*v as f64 / scale) as f32);
+        }
+        let row_major = |m: &Mat<f64>| -> Vec<f32> {
+            (0..m.nrows())
+                .flat_map(|r| (0..m.ncols()).map(move |c| (m[(r, c)], r)))
+                .map(|(v, r)| (v * scales[r]) as f32)
+                .collect()
+        };
+        let transfer = Transfer {
+            channels: self.settings.channels,
+            elements,
+            points: dataset.points(),
+            matrices: self.matrices.iter().map(row_major).collect(),
+            mean_scaled_by_norm: self.has_mean(),
+        };
+        (values, transfer)
+    }
+
+    /// U over texels: `[element][component][texel]`.
+    fn basis_values(&self, dataset: &Dataset) -> Vec<f32> {
+        let (texels, conditions, n) = (dataset.texels(), dataset.conditions.len(), self.kept.len());
+        let elements = self.settings.elements;
+        let mono = self.settings.channels == Channels::Mono;
+        let components = if mono { 1 } else { 3 };
+        // Texel-major first, since I is; then transposed.
+        let mut by_texel = vec![0f32; texels * elements * components];
+        by_texel
+            .par_chunks_mut((elements * components).max(1))
+            .zip(dataset.indirect.par_chunks(3 * conditions))
+            .for_each_init(
+                || vec![0f64; elements * components],
+                |sum, (out, row)| {
+                    sum.fill(0.0);
+                    for channel in 0..3 {
+                        for (k, &condition) in self.kept.iter().enumerate() {
+                            let value = row[channel * conditions + condition] as f64;
+                            let (v, component) = if mono { (channel * n + k, 0) } else { (k, channel) };
+                            for j in 0..elements {
+                                sum[j * components + component] += value * self.combination[(v, j)];
+                            }
+                        }
+                    }
+                    out.iter_mut().zip(&*sum).for_each(|(out, &s)| *out = s as f32);
+                },
+            );
+        let stride = elements * components;
+        (0..stride).flat_map(|e| (0..texels).map(move |t| t * stride + e)).map(|i| by_texel[i]).collect()
+    }
+}
+
+/// Gram matrix after the mean of the vectors (those with a share) is subtracted from each of them: J G Jᵀ with J = 1 − 1 shareᵀ.
+fn centre(gram: MatRef<f64>, share: &dyn Fn(usize) -> f64) -> Mat<f64> {
+    let size = gram.nrows();
+    let with_mean: Vec<f64> = (0..size).map(|a| (0..size).map(|b| gram[(a, b)] * share(b)).sum()).collect();
+    let mean_square: f64 = (0..size).map(|a| with_mean[a] * share(a)).sum();
+    Mat::from_fn(size, size, |a, b| {
+        // A vector that is not used stays zero.
+        if share(a) == 0.0 || share(b) == 0.0 { 0.0 } else { gram[(a, b)] - with_mean[a] - with_mean[b] + mean_square }
+    })
+}
+
+/// Absolute λ for each group's ridge.
+fn choose_lambda<'c>(
+    lambda: Lambda,
+    ridges: &[Ridge],
+    coefficients: impl Fn(usize) -> MatRef<'c, f64> + Sync,
+) -> impl Fn(&Ridge) -> f64 {
+    let relative = match lambda {
+        Lambda::Relative(value) => value,
+        Lambda::Absolute(_) => 0.0,
+        Lambda::LeaveOneOut => {
+            let rows = ridges.iter().map(|r| r.rows()).max().unwrap_or(1) as f64;
+            let floor = LEAVE_ONE_OUT_FLOOR * rows;
+            // Four values a decade: the error is flat around its minimum.
+            let candidates: Vec<f64> = (0..=24).map(|i| floor * 10f64.powf(i as f64 / 4.0)).collect();
+            let errors: Vec<f64> = candidates
+                .par_iter()
+                .map(|&value| {
+                    let of = |(g, r): (usize, &Ridge)| r.leave_one_out(coefficients(g), value * r.mean_square);
+                    ridges.iter().enumerate().map(of).sum()
+                })
+                .collect();
+            let best = (0..errors.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0);
+            candidates[best]
+        }
+    };
+    move |ridge| match lambda {
+        Lambda::Absolute(value) => value,
+        _ => relative * ridge.mean_square,
+    }
+}

@@ -1,0 +1,85 @@
+//! The Gram matrix of all lightmap vectors, in f64 (METHOD eq. 4).
+//!
+//! f64, because eigenvalues are squared singular values: in f32 everything under 3e-4 of the largest would be lost.
+
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::{Accum, Mat, MatRef, Par};
+use rayon::prelude::*;
+
+use super::TransferError;
+use crate::dataset::Dataset;
+use crate::progress::Progress;
+
+/// Inner products of all pairs of lightmap vectors, weighted by texel area: one vector per channel and condition.
+pub struct Gram {
+    /// Symmetric; row and column `channel · N + condition`.
+    pub products: Mat<f64>,
+    /// N, held-out conditions included.
+    pub conditions: usize,
+}
+
+/// Texels converted to f64 at a time: 256 rows of 1,000 vectors fill 2 MB, the second-level cache.
+const ROWS: usize = 256;
+
+/// Columns that one task accumulates. Fixed, so that sums have the same order on any number of threads.
+const COLUMNS: usize = 192;
+
+impl Gram {
+    /// # Errors
+    /// [`TransferError::NotFinite`] when the dataset holds a value that is not finite.
+    pub fn of(dataset: &Dataset, progress: &dyn Progress) -> Result<Self, TransferError> {
+        let n = dataset.conditions.len();
+        let width = 3 * n;
+        // A block of columns holds the rows on and below its first diagonal entry: the lower triangle, in column blocks.
+        let mut blocks: Vec<Mat<f64>> =
+            (0..width).step_by(COLUMNS).map(|start| Mat::zeros(width - start, COLUMNS.min(width - start))).collect();
+        let mut tile = vec![0f64; ROWS * width];
+        progress.begin("gram", dataset.texels() as u64, "texels");
+        for (rows, areas) in dataset.indirect.chunks(ROWS * width.max(1)).zip(dataset.texel_areas.chunks(ROWS)) {
+            tile.par_chunks_mut(width).zip(rows.par_chunks(width)).zip(areas).for_each(|((out, row), &area)| {
+                let weight = (area as f64).sqrt();
+                out.iter_mut().zip(row).for_each(|(out, &value)| *out = value as f64 * weight);
+            });
+            let a = MatRef::from_row_major_slice(&tile[..areas.len() * width], areas.len(), width);
+            blocks.par_iter_mut().enumerate().for_each(|(i, block)| {
+                let (start, columns) = (i * COLUMNS, block.ncols());
+                let own = a.subcols(start, columns);
+                let (mut diagonal, mut below) = block.as_mut().split_at_row_mut(columns);
+                triangular::matmul(
+                    diagonal.as_mut(),
+                    BlockStructure::TriangularLower,
+                    Accum::Add,
+                    own.transpose(),
+                    BlockStructure::Rectangular,
+                    own,
+                    BlockStructure::Rectangular,
+                    1.0,
+                    Par::Seq,
+                );
+                let rest = a.subcols(start + columns, width - start - columns);
+                faer::linalg::matmul::matmul(below.as_mut(), Accum::Add, rest.transpose(), own, 1.0, Par::Seq);
+            });
+            progress.advance(areas.len() as u64);
+        }
+        progress.end();
+        let products = Mat::from_fn(width, width, |r, c| {
+            let (r, c) = (r.max(c), r.min(c));
+            let block = c / COLUMNS;
+            blocks[block][(r - block * COLUMNS, c - block * COLUMNS)]
+        });
+        if !products.is_all_finite() {
+            return Err(TransferError::NotFinite { what: "indirect light" });
+        }
+        Ok(Self { products, conditions: n })
+    }
+
+    /// Inner product of the lightmaps of two conditions, each in one channel.
+    pub fn product(&self, a: (usize, usize), b: (usize, usize)) -> f64 {
+        self.products[(a.0 * self.conditions + a.1, b.0 * self.conditions + b.1)]
+    }
+
+    /// Squared norm of a condition's lightmap, all channels together.
+    pub fn squared_norm(&self, condition: usize) -> f64 {
+        (0..3).map(|c| self.product((c, condition), (c, condition))).sum()
+    }
+}

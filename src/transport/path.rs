@@ -1,0 +1,132 @@
+//! One path from a receiver into the scene (Kajiya, *The Rendering Equation*, 1986; Veach 1997).
+//!
+//! The walk itself knows no lighting condition: it tells a [`Collector`] where it met a surface or left the scene, and
+//! with what throughput, so that the cost of the geometry is paid once for all that is collected.
+
+use glam::{Vec2, Vec3};
+
+use super::Emitters;
+use crate::math::{Frame, Rgb, Sampler, warp};
+use crate::scene::{Surface, Tracer};
+
+/// Receives what a path finds. Throughputs are those of the receiver's irradiance: π for the first direction, which is drawn
+/// with density cos θ / π.
+pub trait Collector {
+    /// The path met `surface`, `bounces` reflections after leaving the receiver (0: the surface that the receiver sees).
+    /// `to_previous` is the unit vector back along the path.
+    fn vertex(&mut self, surface: &Surface, to_previous: Vec3, throughput: Rgb, bounces: u32);
+
+    /// The path left the scene along `direction`.
+    fn escaped(&mut self, _direction: Vec3, _throughput: Rgb, _bounces: u32) {}
+
+    /// Light of the asset's own emissive surfaces arrived: `irradiance` at the receiver, after `bounces` reflections
+    /// (0: direct light).
+    fn emission(&mut self, _irradiance: Rgb, _bounces: u32) {}
+}
+
+/// How paths are walked.
+#[derive(Clone, Copy)]
+pub struct Walk<'t, 'a> {
+    pub tracer: &'t Tracer<'a>,
+    /// The asset's emissive surfaces, if their light is asked for.
+    pub emitters: Option<&'t Emitters<'a>>,
+    /// Reflections after which a path ends whatever its throughput.
+    pub max_bounces: u32,
+}
+
+/// Reflections that every path may take; later ones pass Russian roulette.
+const ROULETTE_FREE_BOUNCES: u32 = 2;
+
+impl Walk<'_, '_> {
+    /// Follows the path that leaves the point `from` in a cosine-distributed direction made of `u`.
+    pub fn from_receiver(&self, from: &Surface, u: Vec2, sampler: &mut Sampler, collector: &mut impl Collector) {
+        let direction = Frame::from_normal(from.normal).world_from_local(warp::sample_cosine_hemisphere(u));
+        let throughput = Vec3::splat(std::f32::consts::PI);
+        if let Some(emitters) = self.emitters
+            && let Some(to_light) = emitters.sample(self.tracer, from, sampler.next_4d())
+        {
+            let cos = to_light.direction.dot(from.normal).max(0.0);
+            let weight = to_light.weight_against(warp::pdf_cosine_hemisphere(cos));
+            collector.emission(to_light.radiance_over_pdf * cos * weight, 0);
+        }
+        // A shading normal opens its hemisphere below the surface, too; there is nothing to see there.
+        if direction.dot(from.geometric_normal) <= 0.0 {
+            return;
+        }
+        let pdf = warp::pdf_cosine_hemisphere(direction.dot(from.normal));
+        self.continue_along(from, direction, throughput, pdf, sampler, collector);
+    }
+
+    /// Follows a path on from `from` along `direction`, which was drawn with density `pdf` per steradian.
+    pub fn continue_along(
+        &self,
+        from: &Surface,
+        mut direction: Vec3,
+        mut throughput: Rgb,
+        mut pdf: f32,
+        sampler: &mut Sampler,
+        collector: &mut impl Collector,
+    ) {
+        let mut origin = self.tracer.leave(from, direction);
+        for bounces in 0.. {
+            let Some(hit) = self.tracer.closest_hit(origin, direction, f32::INFINITY) else {
+                collector.escaped(direction, throughput, bounces);
+                return;
+            };
+            let surface = self.tracer.surface(&hit, direction);
+            if let Some(emitters) = self.emitters
+                && surface.emitted != Vec3::ZERO
+            {
+                // The emitter could have been found by next-event estimation: balance heuristic (Veach 1997).
+                let light_pdf = emitters.pdf(&hit, &surface, origin, direction);
+                collector.emission(throughput * surface.emitted * (pdf / (pdf + light_pdf)), bounces);
+            }
+            if bounces >= self.max_bounces {
+                return;
+            }
+            collector.vertex(&surface, -direction, throughput, bounces);
+            self.reflect_emission(&surface, -direction, throughput, bounces + 1, sampler, collector);
+
+            let u = sampler.next_4d();
+            let Some(sampled) = surface.bsdf.sample(surface.normal, -direction, u) else { return };
+            if sampled.direction.dot(surface.geometric_normal) <= 0.0 {
+                return;
+            }
+            throughput *= sampled.weight;
+            if bounces >= ROULETTE_FREE_BOUNCES {
+                // Survive in proportion to what the path still carries, relative to the π that it started with.
+                let survival = (throughput.max_element() / std::f32::consts::PI).min(1.0);
+                if u[3] >= survival {
+                    return;
+                }
+                throughput /= survival;
+            }
+            if throughput == Vec3::ZERO {
+                return;
+            }
+            origin = self.tracer.leave(&surface, sampled.direction);
+            (direction, pdf) = (sampled.direction, sampled.pdf);
+        }
+    }
+
+    /// Next-event estimation of the asset's emission: what a random emitter sends to `surface` and it reflects towards
+    /// `to_previous`, times `throughput`, is told as light after `bounces` reflections.
+    pub fn reflect_emission(
+        &self,
+        surface: &Surface,
+        to_previous: Vec3,
+        throughput: Rgb,
+        bounces: u32,
+        sampler: &mut Sampler,
+        collector: &mut impl Collector,
+    ) {
+        if let Some(emitters) = self.emitters
+            && let Some(to_light) = emitters.sample(self.tracer, surface, sampler.next_4d())
+        {
+            let cos = to_light.direction.dot(surface.normal).max(0.0);
+            let reflected = surface.bsdf.evaluate(surface.normal, to_previous, to_light.direction) * cos;
+            let weight = to_light.weight_against(surface.bsdf.pdf(surface.normal, to_previous, to_light.direction));
+            collector.emission(throughput * reflected * to_light.radiance_over_pdf * weight, bounces);
+        }
+    }
+}

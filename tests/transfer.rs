@@ -1,0 +1,259 @@
+//! Basis, transfer matrix and their errors on synthetic datasets whose answers are known.
+
+use std::sync::Once;
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use relight::dataset::Dataset;
+use relight::light::LightingCondition;
+use relight::math::Rgb;
+use relight::model::Channels;
+use relight::progress::Silent;
+use relight::transfer::ridge::Ridge;
+use relight::transfer::{Fit, Gram, HeldOutErrors, Lambda, Method, TrainSettings, TransferError};
+
+/// I = G D + noise with a random transport G of the given rank: direct vectors are `rank` random patterns mixed at random.
+fn synthetic(points: usize, texels: usize, training: usize, held_out: usize, rank: usize, noise: f64) -> Dataset {
+    static SEQUENTIAL: Once = Once::new();
+    SEQUENTIAL.call_once(|| faer::set_global_parallelism(faer::Par::Seq));
+    let mut rng = Pcg64Mcg::seed_from_u64(11);
+    let mut uniform = move || rng.random::<f64>();
+    let n = training + held_out;
+    let patterns: Vec<Vec<f64>> = (0..rank).map(|_| (0..points).map(|_| uniform()).collect()).collect();
+    let transports: Vec<Vec<f64>> = (0..rank).map(|_| (0..texels).map(|_| uniform()).collect()).collect();
+    let mut direct = vec![0f32; points * 3 * n];
+    let mut indirect = vec![0f32; texels * 3 * n];
+    for condition in 0..n {
+        for channel in 0..3 {
+            let mix: Vec<f64> = (0..rank).map(|_| uniform()).collect();
+            let column = channel * n + condition;
+            for p in 0..points {
+                direct[p * 3 * n + column] = (0..rank).map(|r| mix[r] * patterns[r][p]).sum::<f64>() as f32;
+            }
+            for t in 0..texels {
+                let value: f64 = (0..rank).map(|r| mix[r] * transports[r][t]).sum();
+                indirect[t * 3 * n + column] = (value + noise * uniform()) as f32;
+            }
+        }
+    }
+    Dataset {
+        conditions: vec![LightingCondition::default(); n],
+        training,
+        direct,
+        indirect,
+        texel_areas: (0..texels).map(|_| 0.5 + uniform() as f32).collect(),
+        noise: vec![0.0; n],
+    }
+}
+
+fn settings(method: Method, channels: Channels, elements: usize, lambda: Lambda) -> TrainSettings {
+    TrainSettings { method, channels, elements, lambda }
+}
+
+fn fit(dataset: &Dataset, settings: TrainSettings) -> (Fit, HeldOutErrors) {
+    let gram = Gram::of(dataset, &Silent).unwrap();
+    let fit = Fit::train(dataset, &gram, settings).unwrap();
+    let errors = HeldOutErrors::of(&fit, dataset, &gram);
+    (fit, errors)
+}
+
+/// x of one condition, one RGB a point.
+fn direct_of(dataset: &Dataset, condition: usize) -> Vec<Rgb> {
+    let columns: [Vec<f64>; 3] = std::array::from_fn(|c| dataset.direct_column(c, condition));
+    (0..dataset.points()).map(|p| Rgb::new(columns[0][p] as f32, columns[1][p] as f32, columns[2][p] as f32)).collect()
+}
+
+/// Relative RMSE of the expanded model on `condition`, from its definition, texel by texel.
+fn error_by_definition(
+    dataset: &Dataset,
+    values: &[f32],
+    coefficients: &[Rgb],
+    components: usize,
+    condition: usize,
+) -> f64 {
+    let (texels, n) = (dataset.texels(), dataset.conditions.len());
+    let (mut error, mut norm) = (0.0, 0.0);
+    for t in 0..texels {
+        for channel in 0..3 {
+            let component = if components == 1 { 0 } else { channel };
+            let value = |j: usize| values[(j * components + component) * texels + t] as f64;
+            let estimate: f64 = coefficients.iter().enumerate().map(|(j, u)| u[channel] as f64 * value(j)).sum();
+            let truth = dataset.indirect[t * 3 * n + channel * n + condition] as f64;
+            let area = dataset.texel_areas[t] as f64;
+            error += area * (truth - estimate).powi(2);
+            norm += area * truth * truth;
+        }
+    }
+    (error / norm).sqrt()
+}
+
+/// Data of rank r are recovered by r elements, r ≤ P and no ridge, to the rounding of the f32 data (1e-7) times the
+/// conditioning of D (under 1e3 here).
+#[test]
+fn low_rank_transport_is_recovered_exactly() {
+    let dataset = synthetic(24, 200, 40, 20, 6, 0.0);
+    for channels in [Channels::Mono, Channels::Multi] {
+        // Interleaved, the three channels of a condition are mixed independently: three times the rank.
+        let elements = if channels == Channels::Mono { 6 } else { 18 };
+        let (fit, errors) = fit(&dataset, settings(Method::Linear, channels, elements, Lambda::Relative(0.0)));
+        assert!(errors.summary().worst < 1e-4, "{channels:?}: {:?}, {}", errors.summary(), fit.condition_number);
+        let (_, control) = self::fit(&dataset, settings(Method::Linear, channels, elements - 1, Lambda::Relative(0.0)));
+        assert!(control.summary().mean > 1e-3, "the control: one element fewer cannot do it, {:?}", control.summary());
+    }
+}
+
+/// The errors that come from inner products are those of the definition, for every method and both kinds of channels, up to
+/// the f32 of the expanded basis and matrices.
+#[test]
+fn errors_from_inner_products_are_those_of_the_definition() {
+    let dataset = synthetic(12, 150, 40, 10, 9, 0.3);
+    for method in [Method::Linear, Method::Belcour] {
+        for channels in [Channels::Mono, Channels::Multi] {
+            let (fit, errors) = fit(&dataset, settings(method, channels, 5, Lambda::Relative(1e-3)));
+            let (values, transfer) = fit.expand(&dataset);
+            let components = if channels == Channels::Mono { 1 } else { 3 };
+            for (h, &expected) in dataset.held_out().zip(&errors.transfer) {
+                let u = transfer.coefficients(&direct_of(&dataset, h));
+                let error = error_by_definition(&dataset, &values, &u, components, h);
+                assert!(
+                    (error - expected).abs() < 1e-4 * expected,
+                    "{method:?} {channels:?}: {error} against {expected}"
+                );
+            }
+        }
+    }
+}
+
+/// No transfer can be better than the projection of the truth on the basis.
+#[test]
+fn oracle_is_a_lower_bound() {
+    let dataset = synthetic(12, 150, 40, 20, 9, 0.3);
+    for method in [Method::Linear, Method::Belcour] {
+        let (_, errors) = fit(&dataset, settings(method, Channels::Mono, 5, Lambda::LeaveOneOut));
+        for (transfer, oracle) in errors.transfer.iter().zip(&errors.oracle) {
+            assert!(*oracle <= transfer + 1e-9);
+        }
+    }
+}
+
+/// Light adds: with `linear` the coefficients of two lights together are the sum of their coefficients, to f32 rounding. The
+/// baseline's ‖x‖ does not add (the control).
+#[test]
+fn coefficients_of_two_lights_add_with_linear_and_not_with_belcour() {
+    let dataset = synthetic(12, 150, 40, 10, 9, 0.3);
+    let deviation = |method| {
+        let (fit, _) = fit(&dataset, settings(method, Channels::Mono, 5, Lambda::Relative(1e-3)));
+        let (_, transfer) = fit.expand(&dataset);
+        let (a, b) = (direct_of(&dataset, 41), direct_of(&dataset, 45));
+        let both: Vec<Rgb> = a.iter().zip(&b).map(|(a, b)| *a + *b).collect();
+        let (a, b, both) = (transfer.coefficients(&a), transfer.coefficients(&b), transfer.coefficients(&both));
+        let difference = |j: usize| (a[j] + b[j] - both[j]).length() / (a[j].length() + b[j].length());
+        (0..both.len()).map(difference).fold(0.0, f32::max)
+    };
+    assert!(deviation(Method::Linear) < 1e-4, "{}", deviation(Method::Linear));
+    assert!(deviation(Method::Belcour) > 1e-3, "{}", deviation(Method::Belcour));
+}
+
+/// Mono keeps the colour of light exact: a light tinted by c gives coefficients tinted by c.
+#[test]
+fn mono_transfer_keeps_the_colour_of_light() {
+    let dataset = synthetic(12, 150, 40, 10, 9, 0.3);
+    let (fit, _) = fit(&dataset, settings(Method::Linear, Channels::Mono, 5, Lambda::LeaveOneOut));
+    let (_, transfer) = fit.expand(&dataset);
+    let x = direct_of(&dataset, 42);
+    let tint = Rgb::new(0.25, 2.0, 0.0);
+    let tinted: Vec<Rgb> = x.iter().map(|&x| x * tint).collect();
+    for (u, v) in transfer.coefficients(&x).iter().zip(transfer.coefficients(&tinted)) {
+        assert_eq!(*u * tint, v);
+    }
+}
+
+/// The leave-one-out residual without refitting equals refitting without each condition in turn.
+#[test]
+fn leave_one_out_equals_refitting_without_each_condition() {
+    let (rows, n, elements, lambda) = (7, 12, 3, 0.05);
+    let mut rng = Pcg64Mcg::seed_from_u64(3);
+    let direct = faer::Mat::from_fn(rows, n, |_, _| rng.random::<f64>());
+    let coefficients = faer::Mat::from_fn(elements, n, |_, _| rng.random::<f64>());
+    let all = Ridge::new(direct.as_ref()).unwrap();
+    let without = |matrix: &faer::Mat<f64>, k: usize| {
+        faer::Mat::from_fn(matrix.nrows(), n - 1, |r, c| matrix[(r, if c < k { c } else { c + 1 })])
+    };
+    let expected: f64 = (0..n)
+        .map(|k| {
+            let m = Ridge::new(without(&direct, k).as_ref()).unwrap().solve(without(&coefficients, k).as_ref(), lambda);
+            (m * direct.col(k) - coefficients.col(k)).squared_norm_l2()
+        })
+        .sum();
+    let fast = all.leave_one_out(coefficients.as_ref(), lambda);
+    assert!((fast - expected).abs() < 1e-9 * expected, "{fast} against {expected}");
+}
+
+/// The two forms of the ridge solution, C Dᵀ (DDᵀ + λ)⁻¹ and C (DᵀD + λ)⁻¹ Dᵀ, are equal: for tall and for wide D the result
+/// satisfies the normal equation M (DDᵀ + λ) = C Dᵀ.
+#[test]
+fn ridge_satisfies_its_normal_equation_on_a_grid_of_shapes() {
+    let mut rng = Pcg64Mcg::seed_from_u64(5);
+    for (rows, n) in [(1, 1), (1, 9), (9, 1), (5, 30), (30, 5), (16, 16)] {
+        for rank_one in [false, true] {
+            let direct = if rank_one {
+                faer::Mat::from_fn(rows, n, |r, c| (r + 1) as f64 * (c + 1) as f64)
+            } else {
+                faer::Mat::from_fn(rows, n, |_, _| rng.random::<f64>())
+            };
+            let c = faer::Mat::from_fn(2, n, |_, _| rng.random::<f64>());
+            let lambda = 0.1;
+            let m = Ridge::new(direct.as_ref()).unwrap().solve(c.as_ref(), lambda);
+            let mut normal = &direct * direct.transpose();
+            (0..rows).for_each(|i| normal[(i, i)] += lambda);
+            let residual = (&m * &normal - &c * direct.transpose()).norm_l2();
+            let scale = (&c * direct.transpose()).norm_l2();
+            assert!(residual < 1e-9 * scale, "{rows} x {n}, rank one {rank_one}: {residual} of {scale}");
+        }
+    }
+}
+
+/// Conditions that light nothing are dropped, not divided by; data of lower rank than n, a single condition, repeated
+/// conditions and more conditions than points give finite results.
+#[test]
+fn degenerate_datasets_stay_finite() {
+    let mut dark = synthetic(12, 80, 20, 10, 4, 0.1);
+    let n = dark.conditions.len();
+    for row in dark.direct.chunks_mut(3 * n) {
+        (0..3).for_each(|c| row[c * n + 5] = 0.0);
+    }
+    let mut repeated = synthetic(12, 80, 20, 10, 4, 0.1);
+    for matrix in [&mut repeated.direct, &mut repeated.indirect] {
+        for row in matrix.chunks_mut(n) {
+            row.copy_within(0..1, 1);
+            row.copy_within(0..1, 2);
+        }
+    }
+    let single = synthetic(12, 80, 1, 10, 1, 0.0);
+    for (dataset, elements, dropped) in [(&dark, 8, 1), (&repeated, 12, 0), (&single, 1, 0)] {
+        for method in [Method::Linear, Method::Belcour] {
+            for lambda in [Lambda::LeaveOneOut, Lambda::Relative(0.0)] {
+                let (fit, errors) = fit(dataset, settings(method, Channels::Mono, elements, lambda));
+                assert_eq!(fit.dropped, dropped);
+                let (values, transfer) = fit.expand(dataset);
+                assert!(values.iter().chain(transfer.matrices.iter().flatten()).all(|v| v.is_finite()));
+                assert!(errors.transfer.iter().all(|e| e.is_finite()));
+            }
+        }
+    }
+}
+
+#[test]
+fn fewer_conditions_than_elements_is_an_error() {
+    let dataset = synthetic(12, 80, 4, 10, 4, 0.1);
+    let gram = Gram::of(&dataset, &Silent).unwrap();
+    let result = Fit::train(&dataset, &gram, settings(Method::Linear, Channels::Mono, 8, Lambda::LeaveOneOut));
+    assert!(matches!(result, Err(TransferError::TooFewConditions { kept: 4, all: 4, elements: 8 })));
+}
+
+#[test]
+fn values_that_are_not_finite_are_an_error() {
+    let mut dataset = synthetic(12, 80, 10, 10, 4, 0.1);
+    dataset.indirect[100] = f32::NAN;
+    assert!(matches!(Gram::of(&dataset, &Silent), Err(TransferError::NotFinite { .. })));
+}
