@@ -26,7 +26,6 @@ fn arrive(light: Light, point_ws: vec3f, normal_ws: vec3f) -> Arrival {
     let falloff = light.local * window / d2 + (1.0 - light.local);
     let ramp = saturate(-dot(direction, light.direction) * light.cone_scale + light.cone_offset);
     let cos_surface = max(dot(direction, normal_ws), 0.0);
-    // Directional lights stand beyond all geometry.
-    let reach = light.local + (1.0 - light.local) * 2.0 * frame.extent;
+    let reach = light.local + (1.0 - light.local) * frame.extent;
     return Arrival(direction, to_light * reach, light.radiant * (falloff * ramp * ramp * cos_surface));
 }

@@ -16,10 +16,12 @@ fn measure(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let point = sub_points[id.x];
+    // Light is evaluated where its shadow rays start, so that they end at the lights.
+    let origin = point.position + point.geometric_normal * frame.shadow_offset;
     var irradiance = vec3f(0.0);
     for (var i = 0u; i < frame.light_count; i++) {
-        let arrival = arrive(lights[i], point.position, point.normal);
-        if reaches(arrival, point.position, point.geometric_normal) {
+        let arrival = arrive(lights[i], origin, point.normal);
+        if reaches(arrival, origin, point.geometric_normal) {
             irradiance += arrival.irradiance;
         }
     }

@@ -84,10 +84,11 @@ fn bsdf_of(material: u32, in: Fragment) -> Bsdf {
 }
 
 fn direct_radiance(position: vec3f, geometric_normal: vec3f, normal: vec3f, to_view: vec3f, bsdf: Bsdf) -> vec3f {
+    let origin = position + geometric_normal * frame.shadow_offset;
     var sum = vec3f(0.0);
     for (var i = 0u; i < frame.light_count; i++) {
-        let arrival = arrive(lights[i], position, normal);
-        if reaches(arrival, position, geometric_normal) {
+        let arrival = arrive(lights[i], origin, normal);
+        if reaches(arrival, origin, geometric_normal) {
             sum += evaluate_bsdf(bsdf, normal, to_view, arrival.direction) * arrival.irradiance;
         }
     }

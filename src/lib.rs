@@ -20,6 +20,7 @@
 //!
 //! `docs/METHOD.md` has the notation and the numbered equations that comments cite.
 
+pub mod cli;
 pub mod dataset;
 pub mod files;
 pub mod gpu;
@@ -28,6 +29,9 @@ pub mod math;
 pub mod measure;
 pub mod model;
 pub mod progress;
+pub mod prt;
+pub mod report;
 pub mod scene;
+pub mod scene_file;
 pub mod transfer;
 pub mod transport;

@@ -3,13 +3,15 @@
 use std::process::ExitCode;
 
 use crate::dataset::DatasetError;
+use crate::gpu::GpuError;
 use crate::light::ScenarioError;
 use crate::measure::PointsError;
-use crate::model::ModelFileError;
+use crate::model::{ModelFileError, PictureError, ViewError};
 use crate::scene::SceneError;
 use crate::scene_file::SceneFileError;
 use crate::transfer::TransferError;
 use crate::transport::BakeError;
+use crate::transport::reference::ReferenceError;
 
 /// Why a command failed.
 #[derive(Debug)]
@@ -51,7 +53,7 @@ macro_rules! input_error {
         })*
     };
 }
-input_error!(SceneError, SceneFileError, ScenarioError, PointsError, TransferError);
+input_error!(SceneError, SceneFileError, ScenarioError, PointsError, TransferError, ViewError);
 
 impl From<BakeError> for Failure {
     fn from(error: BakeError) -> Self {
@@ -75,6 +77,30 @@ impl From<ModelFileError> for Failure {
         match error {
             ModelFileError::Write { .. } => Failure::Work(error.to_string()),
             _ => Failure::Input(error.to_string()),
+        }
+    }
+}
+
+impl From<GpuError> for Failure {
+    fn from(error: GpuError) -> Self {
+        match error {
+            GpuError::Failed(_) | GpuError::NoDevice { .. } => Failure::Work(error.to_string()),
+            _ => Failure::Input(error.to_string()),
+        }
+    }
+}
+
+impl From<PictureError> for Failure {
+    fn from(error: PictureError) -> Self {
+        Failure::Work(error.to_string())
+    }
+}
+
+impl From<ReferenceError> for Failure {
+    fn from(error: ReferenceError) -> Self {
+        match error {
+            ReferenceError::View(error) => error.into(),
+            ReferenceError::Stopped(error) => error.into(),
         }
     }
 }

@@ -1,7 +1,11 @@
 //! The command line: one file per command.
 
+pub mod bake;
 pub mod failure;
+pub mod info;
+pub mod lights;
 pub mod pipeline;
+pub mod render;
 pub mod reporter;
 pub mod settings;
 pub mod train;
@@ -35,6 +39,9 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Train(train::Train),
+    Render(render::Render),
+    Bake(bake::Bake),
+    Info(info::Info),
 }
 
 /// Parses the arguments, runs the command, prints one line for a failure. Exit status 0: done, 1: the work failed or was
@@ -52,6 +59,9 @@ pub fn run() -> ExitCode {
     let json = arguments.json.as_deref();
     let result = match &arguments.command {
         Some(Command::Train(train)) => train.run(json, &reporter),
+        Some(Command::Render(render)) => render.run(json, &reporter),
+        Some(Command::Bake(bake)) => bake.run(json, &reporter),
+        Some(Command::Info(info)) => info.run(json, &reporter),
         None => Ok(()),
     };
     match result {

@@ -31,10 +31,10 @@ pub struct Draw<'s> {
 impl Draw<'_> {
     /// The conditions, training first; the k-th of each depends on (seed, k) alone.
     pub fn conditions(&self, tracer: &Tracer, seed: u64) -> Result<Vec<LightingCondition>, ScenarioError> {
-        let training = (0..self.training as u32).map(|k| self.scenario.sample(tracer, seed, k));
-        let held_out_seed = mix64(seed ^ HELD_OUT_STREAM);
-        let held_out = (0..self.held_out as u32).map(|k| self.scenario.sample(tracer, held_out_seed, k));
-        training.chain(held_out).collect()
+        let sampler = self.scenario.sampler(tracer)?;
+        let mut conditions = sampler.conditions(seed, self.training as u32)?;
+        conditions.extend(sampler.conditions(mix64(seed ^ HELD_OUT_STREAM), self.held_out as u32)?);
+        Ok(conditions)
     }
 }
 

@@ -1,5 +1,9 @@
 //! The matrices D and I: measured direct light and baked indirect light of the same lighting conditions.
 
+pub mod build;
+
+pub use build::{DatasetError, Draw};
+
 use crate::light::LightingCondition;
 
 /// N conditions, the first `training` to train on, the rest held out.

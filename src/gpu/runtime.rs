@@ -109,7 +109,7 @@ impl Runtime {
         self.download(&self.measurement.exitance, self.sub_points)
     }
 
-    /// x from the sub-points' exitance: the downsample stage alone. CPU twin: `MeasurementPoints::direct_matrix`.
+    /// x from the sub-points' exitance: the downsample stage alone. CPU twin: `MeasurementPoints::average`.
     pub fn average(&mut self, sub_point_exitance: &[Rgb]) -> Result<Vec<Rgb>, GpuError> {
         assert_eq!(sub_point_exitance.len(), self.sub_points, "values of another point set");
         self.upload(&self.measurement.exitance, sub_point_exitance);

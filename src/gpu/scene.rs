@@ -133,8 +133,7 @@ fn gpu_material(asset: &Asset, pages: &Pages, material: &Material) -> GpuMateria
 }
 
 fn gpu_lights(lights: &[Light]) -> Vec<GpuLight> {
-    let punctual: Vec<Light> = lights.iter().filter(|l| !matches!(l, Light::Emissive { .. })).cloned().collect();
-    let table = LightTable::new(&punctual);
+    let table = LightTable::new(lights.iter().filter(|light| !matches!(light, Light::Emissive { .. })));
     (0..table.len)
         .map(|i| {
             let entry = table.entry(i);

@@ -13,6 +13,8 @@ pub struct LightGather<'t, 'a> {
     tracer: &'t Tracer<'a>,
     shadows: ShadowRays<'t, 'a>,
     packet: Packet,
+    /// Shadow rays cast so far.
+    pub rays: u64,
 }
 
 /// Lights that passed the cheap tests and wait for their shadow rays.
@@ -45,17 +47,17 @@ impl<'t, 'a> LightGather<'t, 'a> {
             light: [0; LANES],
             len: 0,
         };
-        Self { table, tracer, shadows: tracer.shadow_rays(table.bounds()), packet }
+        Self { table, tracer, shadows: tracer.shadow_rays(table.bounds()), packet, rays: 0 }
     }
 
     /// Hands every light that reaches the surface to `arrived`, up to LANES at a time.
     #[inline]
     pub fn gather(&mut self, surface: &Surface, mut arrived: impl FnMut(Arrived)) {
-        self.shadows.start_from(self.tracer.leave(surface, surface.geometric_normal));
-        // Directional lights stand beyond all geometry.
-        let far = 2.0 * self.tracer.extent;
+        // Light is evaluated where its shadow rays start, so that they end at the lights.
+        let origin = self.tracer.leave(surface, surface.geometric_normal);
+        self.shadows.start_from(origin);
         for block in 0..self.table.block_count() {
-            let arrival = self.table.arrive(block, surface.position, surface.normal, far);
+            let arrival = self.table.arrive(block, origin, surface.normal, self.tracer.extent);
             let g = surface.geometric_normal;
             let mut reached = [false; LANES];
             for i in 0..LANES {
@@ -86,6 +88,7 @@ impl<'t, 'a> LightGather<'t, 'a> {
         let active = ((1u64 << p.len) - 1) as u32;
         let open = self.shadows.unoccluded(&p.segment, active);
         arrived(Arrived { light: &p.light, direction: &p.direction, irradiance: &p.irradiance, open });
+        self.rays += p.len as u64;
         p.len = 0;
     }
 }

@@ -65,8 +65,8 @@ pub struct Arrival {
 
 impl LightTable {
     /// Lays out the lights of one condition.
-    pub fn new(lights: &[Light]) -> Self {
-        Self::lay_out(lights.iter().map(|light| (0, light)).collect(), 1)
+    pub fn new<'l>(lights: impl IntoIterator<Item = &'l Light>) -> Self {
+        Self::lay_out(lights.into_iter().map(|light| (0, light)).collect(), 1)
     }
 
     /// Lays out all lights of all `conditions`, condition after condition.
@@ -149,6 +149,11 @@ impl LightTable {
         self.colours[i]
     }
 
+    /// Which condition light `i` belongs to.
+    pub fn condition(&self, i: usize) -> usize {
+        self.conditions[i] as usize
+    }
+
     /// One light's entry, for the GPU's list of lights.
     pub fn entry(&self, i: usize) -> LightEntry {
         let (b, lane) = (&self.blocks[i / LANES], i % LANES);
@@ -160,11 +165,6 @@ impl LightTable {
             cone_scale: b.cone_scale[lane],
             cone_offset: b.cone_offset[lane],
         }
-    }
-
-    /// Which condition light `i` belongs to.
-    pub fn condition(&self, i: usize) -> usize {
-        self.conditions[i] as usize
     }
 
     /// What the lights of `block`, with unit colour, send to `point` with `normal` (METHOD eq. 2). Directional lights

@@ -2,7 +2,9 @@
 
 pub mod colour;
 pub mod frame;
+pub mod quadrature;
 pub mod sampler;
+pub mod sh;
 pub mod warp;
 
 /// Lights, triangles or rays handled together: one AVX-512 register of f32, two AVX, four SSE or NEON.

@@ -13,7 +13,7 @@ pub use view::{Shown, View, ViewError};
 
 use crate::math::Rgb;
 use crate::measure::MeasurementPoints;
-use crate::scene::Asset;
+use crate::scene::{Asset, Lightmap};
 use half::f16;
 
 /// Whether colour channels share the vectors or have vectors of their own (paper 5.2).
@@ -95,6 +95,18 @@ impl Transfer {
 }
 
 impl Basis {
+    /// Lays values per covered texel, `[element][component][texel]`, out over the whole lightmap; the gutter takes the value
+    /// of the nearest covered texel.
+    pub fn from_texels(lightmap: &Lightmap, elements: usize, values: &[f32]) -> Self {
+        let texels = lightmap.texels.len();
+        let components = values.len() / (elements * texels).max(1);
+        let nearest = lightmap.nearest_covered();
+        let values = values
+            .chunks_exact(texels.max(1))
+            .flat_map(|plane| nearest.iter().map(|&t| f16::from_f32(plane[t as usize])));
+        Self { size: lightmap.size, elements, components, values: values.collect() }
+    }
+
     /// Σⱼ uⱼ Uⱼ at texel (x, y): indirect irradiance.
     pub fn texel(&self, x: usize, y: usize, coefficients: &[Rgb]) -> Rgb {
         let plane = self.size * self.size;

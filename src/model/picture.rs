@@ -24,8 +24,6 @@ pub struct Picture {
 pub enum PictureError {
     #[error("{}: the picture cannot be written: {source}", path.display())]
     Io { path: PathBuf, source: io::Error },
-    #[error("{}: the picture cannot be encoded as PNG: {source}", path.display())]
-    Png { path: PathBuf, source: image::ImageError },
     #[error("{}: the picture cannot be encoded as OpenEXR: {source}", path.display())]
     Exr { path: PathBuf, source: exr::error::Error },
 }
@@ -40,13 +38,20 @@ impl Picture {
         self.pixels.iter().map(|&radiance| srgb8_from_linear(tone_map(radiance * exposure))).collect()
     }
 
+    /// Tone-mapped 8-bit PNG, as bytes.
+    pub fn to_png(&self, exposure: f32) -> Vec<u8> {
+        let texels = self.srgb8(exposure);
+        let mut bytes = Vec::new();
+        image::codecs::png::PngEncoder::new(&mut bytes)
+            .write_image(texels.as_flattened(), self.width, self.height, image::ExtendedColorType::Rgb8)
+            .expect("encoding to memory, with as many pixels as the size says");
+        bytes
+    }
+
     /// Writes a tone-mapped 8-bit PNG; a file of that name is replaced only once the new one is whole.
     pub fn write_png(&self, path: &Path, exposure: f32) -> Result<(), PictureError> {
-        let mut encoded = Vec::new();
-        image::codecs::png::PngEncoder::new(&mut encoded)
-            .write_image(self.srgb8(exposure).as_flattened(), self.width, self.height, image::ExtendedColorType::Rgb8)
-            .map_err(|source| PictureError::Png { path: path.to_owned(), source })?;
-        write(path, &encoded)
+        let io = |source| PictureError::Io { path: path.to_owned(), source };
+        write_whole(path, &self.to_png(exposure)).map_err(io)
     }
 
     /// Writes scene-linear f32 radiance as OpenEXR; a file of that name is replaced only once the new one is whole.
@@ -56,17 +61,11 @@ impl Picture {
             (radiance.x, radiance.y, radiance.z)
         });
         let image = exr::image::Image::from_channels((self.width as usize, self.height as usize), channels);
-        let mut encoded = Cursor::new(Vec::new());
-        image
-            .write()
-            .to_buffered(&mut encoded)
-            .map_err(|source| PictureError::Exr { path: path.to_owned(), source })?;
-        write(path, encoded.get_ref())
+        let mut bytes = Cursor::new(Vec::new());
+        let exr = |source| PictureError::Exr { path: path.to_owned(), source };
+        image.write().to_buffered(&mut bytes).map_err(exr)?;
+        write_whole(path, bytes.get_ref()).map_err(|source| PictureError::Io { path: path.to_owned(), source })
     }
-}
-
-fn write(path: &Path, encoded: &[u8]) -> Result<(), PictureError> {
-    write_whole(path, encoded).map_err(|source| PictureError::Io { path: path.to_owned(), source })
 }
 
 #[cfg(test)]
@@ -105,11 +104,12 @@ mod tests {
     }
 
     #[test]
-    fn a_file_in_the_way_is_named() {
+    fn a_folder_that_cannot_be_made_is_named() {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("file"), "").unwrap();
-        let path = folder.path().join("file/picture.png");
+        let file = folder.path().join("file");
+        std::fs::write(&file, "not a folder").unwrap();
+        let path = file.join("all.png");
         let error = ramp().write_png(&path, 1.0).unwrap_err();
-        assert!(error.to_string().starts_with(&format!("{}: ", path.display())), "{error}");
+        assert!(error.to_string().starts_with(&path.display().to_string()), "{error}");
     }
 }

@@ -5,7 +5,7 @@
 
 use std::f32::consts::FRAC_1_PI;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::{Model, Picture, Shown, View, ViewError};
@@ -19,8 +19,9 @@ impl Model {
     /// # Errors
     /// A [`ViewError`] that says what is wrong with the view.
     pub fn render(&self, tracer: &Tracer, view: &View, lights: &[Light], shown: Shown) -> Result<Picture, ViewError> {
-        let coefficients = self.transfer.coefficients(&self.points.direct(tracer, lights));
-        self.render_with(tracer, view, lights, &coefficients, shown)
+        let table = LightTable::new(lights);
+        let coefficients = self.transfer.coefficients(&self.points.direct(tracer, &table));
+        self.render_with(tracer, view, &table, &coefficients, shown)
     }
 
     /// The same with given coefficients u, one RGB an element.
@@ -28,88 +29,79 @@ impl Model {
         &self,
         tracer: &Tracer,
         view: &View,
-        lights: &[Light],
+        lights: &LightTable,
         coefficients: &[Rgb],
         shown: Shown,
     ) -> Result<Picture, ViewError> {
-        let pinhole = view.pinhole()?;
-        let table = LightTable::new(lights);
-        let (width, grid) = (view.width as usize, view.samples_per_axis);
-        let mut pixels = vec![Rgb::ZERO; width * view.height as usize];
-        let rows = pixels.par_chunks_mut(width).enumerate();
-        rows.for_each_init(
-            || Shader {
-                model: self,
-                tracer,
-                table: &table,
-                gather: LightGather::new(&table, tracer),
-                coefficients,
-                shown,
-            },
-            |shader, (y, row)| {
-                for (x, pixel) in row.iter_mut().enumerate() {
-                    let (first_x, first_y) = (x as u32 * grid, y as u32 * grid);
-                    let mut sum = Rgb::ZERO;
-                    for sample in 0..grid * grid {
-                        let direction = pinhole.direction(first_x + sample % grid, first_y + sample / grid);
-                        if let Some(hit) = first_visible(tracer, pinhole.eye, direction) {
-                            sum += shader.radiance(hit, -direction);
-                        }
-                    }
-                    *pixel = sum / (grid * grid) as f32;
-                }
-            },
-        );
-        Ok(Picture { width: view.width, height: view.height, pixels })
+        render(tracer, view, lights, shown, &|uv| self.basis.sample(uv, coefficients))
     }
 }
 
-/// Lights what rays hit.
-struct Shader<'t, 'a> {
-    model: &'t Model,
-    tracer: &'t Tracer<'a>,
-    table: &'t LightTable,
-    gather: LightGather<'t, 'a>,
-    coefficients: &'t [Rgb],
+/// Takes a picture whose indirect irradiance comes from `indirect_irradiance`, a function of the lightmap coordinates. Values
+/// below zero, which a truncated basis may give, count as zero.
+///
+/// # Errors
+/// A [`ViewError`] that says what is wrong with the view.
+pub fn render(
+    tracer: &Tracer,
+    view: &View,
+    lights: &LightTable,
     shown: Shown,
+    indirect_irradiance: &(dyn Fn(Vec2) -> Rgb + Sync),
+) -> Result<Picture, ViewError> {
+    let pinhole = view.pinhole()?;
+    let mesh = &tracer.asset().mesh;
+    let (width, grid) = (view.width as usize, view.samples_per_axis);
+    let radiance = |gather: &mut LightGather, hit: &Hit, to_view: Vec3| {
+        let surface = tracer.surface(hit, -to_view);
+        let irradiance = || {
+            let uv = mesh.interpolate(&mesh.lightmap_uvs, hit.triangle as usize, hit.u, hit.v);
+            indirect_irradiance(uv).max(Vec3::ZERO)
+        };
+        let mut direct = || direct_radiance(gather, &surface, to_view, lights) + surface.emitted;
+        let indirect = || irradiance() * surface.bsdf.albedo() * FRAC_1_PI;
+        match shown {
+            Shown::Full => direct() + indirect(),
+            Shown::Direct => direct(),
+            Shown::Indirect => indirect(),
+            Shown::IndirectOnWhite => irradiance() * FRAC_1_PI,
+        }
+    };
+    let mut pixels = vec![Rgb::ZERO; width * view.height as usize];
+    pixels.par_chunks_mut(width).enumerate().for_each_init(
+        || LightGather::new(lights, tracer),
+        |gather, (y, row)| {
+            for (x, pixel) in row.iter_mut().enumerate() {
+                let (first_x, first_y) = (x as u32 * grid, y as u32 * grid);
+                let mut sum = Rgb::ZERO;
+                for sample in 0..grid * grid {
+                    let to_scene = pinhole.direction(first_x + sample % grid, first_y + sample / grid);
+                    if let Some(hit) = first_visible(tracer, pinhole.eye, to_scene) {
+                        sum += radiance(gather, &hit, -to_scene);
+                    }
+                }
+                *pixel = sum / (grid * grid) as f32;
+            }
+        },
+    );
+    Ok(Picture { width: view.width, height: view.height, pixels })
 }
 
-impl Shader<'_, '_> {
-    /// Radiance that leaves `hit` along `to_view`.
-    fn radiance(&mut self, hit: Hit, to_view: Vec3) -> Rgb {
-        let surface = self.tracer.surface(&hit, -to_view);
-        match self.shown {
-            Shown::Full => self.direct(&surface, to_view) + self.irradiance(hit) * surface.bsdf.albedo() * FRAC_1_PI,
-            Shown::Direct => self.direct(&surface, to_view),
-            Shown::Indirect => self.irradiance(hit) * surface.bsdf.albedo() * FRAC_1_PI,
-            Shown::IndirectOnWhite => self.irradiance(hit) * FRAC_1_PI,
+/// What the lights send to `surface`, behind shadows, and it reflects along `to_view`.
+fn direct_radiance(gather: &mut LightGather, surface: &Surface, to_view: Vec3, lights: &LightTable) -> Rgb {
+    let mut sum = Rgb::ZERO;
+    gather.gather(surface, |a| {
+        for i in lanes(a.open) {
+            let to_light = Vec3::from_array(a.direction.map(|axis| axis[i]));
+            let reflected = surface.bsdf.evaluate(surface.normal, to_view, to_light);
+            sum += reflected * lights.colour(a.light[i] as usize) * a.irradiance[i];
         }
-    }
-
-    /// Indirect irradiance at `hit`.
-    fn irradiance(&self, hit: Hit) -> Rgb {
-        let mesh = &self.model.asset.mesh;
-        let uv = mesh.interpolate(&mesh.lightmap_uvs, hit.triangle as usize, hit.u, hit.v);
-        // A truncated basis may ring below zero; light does not.
-        self.model.basis.sample(uv, self.coefficients).max(Vec3::ZERO)
-    }
-
-    /// What `surface` emits, and what the lights send to it, behind shadows, and it reflects along `to_view`.
-    fn direct(&mut self, surface: &Surface, to_view: Vec3) -> Rgb {
-        let mut sum = surface.emitted;
-        self.gather.gather(surface, |arrived| {
-            for lane in lanes(arrived.open) {
-                let to_light = Vec3::from_array(arrived.direction.map(|axis| axis[lane]));
-                let reflected = surface.bsdf.evaluate(surface.normal, to_view, to_light);
-                sum += reflected * self.table.colour(arrived.light[lane] as usize) * arrived.irradiance[lane];
-            }
-        });
-        sum
-    }
+    });
+    sum
 }
 
 /// The nearest surface that is drawn: back faces of one-sided materials are looked through.
-fn first_visible(tracer: &Tracer, eye: Vec3, direction: Vec3) -> Option<Hit> {
+pub fn first_visible(tracer: &Tracer, eye: Vec3, direction: Vec3) -> Option<Hit> {
     let asset = tracer.asset();
     let mut origin = eye;
     // Rounding may stop a ray from a very distant eye where it is: a ray meets no more faces than there are.

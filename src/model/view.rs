@@ -62,8 +62,9 @@ pub struct Pinhole {
     right: Vec3,
     up: Vec3,
     half_extent: Vec2,
-    /// Samples of the whole picture along each axis.
-    samples: Vec2,
+    /// Pixels.
+    size: Vec2,
+    samples_per_axis: f32,
 }
 
 impl View {
@@ -105,7 +106,8 @@ impl View {
             right,
             up: right.cross(forward),
             half_extent: Vec2::new(half_height * width as f32 / height as f32, half_height),
-            samples: Vec2::new(self.samples()[0] as f32, self.samples()[1] as f32),
+            size: Vec2::new(width as f32, height as f32),
+            samples_per_axis: samples_per_axis as f32,
         })
     }
 }
@@ -113,8 +115,12 @@ impl View {
 impl Pinhole {
     /// Unit direction through the centre of sample (x, y), counted from the top left.
     pub fn direction(&self, x: u32, y: u32) -> Vec3 {
-        let ndc = (Vec2::new(x as f32, y as f32) + 0.5) / self.samples * 2.0 - 1.0;
-        let p = ndc * self.half_extent;
+        self.through((Vec2::new(x as f32, y as f32) + 0.5) / self.samples_per_axis)
+    }
+
+    /// Unit direction through a point of the picture, in pixels from the top left.
+    pub fn through(&self, pixel: Vec2) -> Vec3 {
+        let p = (pixel / self.size * 2.0 - 1.0) * self.half_extent;
         (self.forward + self.right * p.x - self.up * p.y).normalize()
     }
 

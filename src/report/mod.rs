@@ -1,8 +1,10 @@
 //! Comparison of methods on held-out lights, its plots and pictures, and the HTML page.
 
-pub mod comparison;
 pub mod figures;
-pub mod page;
 pub mod plot;
 
-pub use comparison::{Comparison, Row};
+/// A picture with what it shows.
+pub struct Image {
+    pub caption: String,
+    pub png: Vec<u8>,
+}

@@ -276,11 +276,10 @@ impl Fan {
         if self.volume > 0.0 { side + reach + slack > 0.0 } else { side - reach - slack < 0.0 }
     }
 
-    /// Lanes whose segment crosses the triangle.
+    /// Sets the lanes whose segment crosses the triangle.
     #[inline]
-    fn blocks(&self, s: &Segments) -> u32 {
+    fn block(&self, s: &Segments, blocked: &mut [bool; LANES]) {
         let [p, q, r] = &self.planes;
-        let mut blocked = [false; LANES];
         for i in 0..LANES {
             let (x, y, z) = (s[0][i], s[1][i], s[2][i]);
             let wa = x * p.x + y * p.y + z * p.z;
@@ -289,17 +288,24 @@ impl Fan {
             let sum = wa + wb + wc;
             let inside = (wa >= 0.0) & (wb >= 0.0) & (wc >= 0.0) | (wa <= 0.0) & (wb <= 0.0) & (wc <= 0.0);
             // 0 < volume / sum < SEGMENT_END without dividing.
-            let near = self.volume * sum > 0.0;
-            blocked[i] = inside & near & (self.volume.abs() < SEGMENT_END * sum.abs());
+            let near = (self.volume * sum > 0.0) & (self.volume.abs() < SEGMENT_END * sum.abs());
+            blocked[i] |= inside & near;
         }
-        mask_of(&blocked)
     }
 }
 
 /// Bit i is set where lane i is.
 #[inline]
 pub fn mask_of(lanes: &[bool; LANES]) -> u32 {
-    lanes.iter().enumerate().fold(0, |mask, (i, &lane)| mask | (lane as u32) << i)
+    // Eight bytes that are 0 or 1, times this, have their bits side by side in the top byte.
+    const GATHER: u64 = 0x0102_0408_1020_4080;
+    let bytes = lanes.map(|lane| lane as u8);
+    bytes
+        .as_chunks::<8>()
+        .0
+        .iter()
+        .enumerate()
+        .fold(0, |mask, (i, &eight)| mask | ((u64::from_le_bytes(eight).wrapping_mul(GATHER) >> 56) as u32) << (8 * i))
 }
 
 /// Shadow rays from one point, LANES at a time.
@@ -331,12 +337,14 @@ impl ShadowRays<'_, '_> {
     pub fn unoccluded(&self, segments: &Segments, active: u32) -> u32 {
         let mut open = active;
         match &self.tracer.structure {
+            Structure::Brute(_) if !self.tracer.any_masked => {
+                let mut blocked = [false; LANES];
+                self.fans.iter().for_each(|(_, fan)| fan.block(segments, &mut blocked));
+                open &= !mask_of(&blocked);
+            }
             Structure::Brute(_) => {
                 for (triangle, fan) in &self.fans {
                     open &= !self.blocked_by(*triangle as usize, fan, segments, open);
-                    if open == 0 {
-                        break;
-                    }
                 }
             }
             Structure::Tree { binary, .. } => {
@@ -352,7 +360,9 @@ impl ShadowRays<'_, '_> {
 
     #[inline]
     fn blocked_by(&self, triangle: usize, fan: &Fan, segments: &Segments, open: u32) -> u32 {
-        let mut blocked = fan.blocks(segments) & open;
+        let mut lanes_blocked = [false; LANES];
+        fan.block(segments, &mut lanes_blocked);
+        let mut blocked = mask_of(&lanes_blocked) & open;
         if self.tracer.any_masked && self.tracer.masked[triangle] && blocked != 0 {
             for lane in lanes(blocked) {
                 let s = Vec3::new(segments[0][lane], segments[1][lane], segments[2][lane]);

@@ -29,6 +29,8 @@ pub struct Baked {
     /// Per condition, the relative RMSE that is the estimate's own noise, from the difference between the two halves of the
     /// paths (area weighted, over texels and channels).
     pub noise: Vec<f32>,
+    /// Segments of paths and shadow rays.
+    pub rays: u64,
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -64,16 +66,17 @@ pub fn bake(
     let mut indirect = vec![0f32; lightmap.texels.len() * row];
     progress.begin("bake", lightmap.texels.len() as u64, "texels");
     // Each chunk's share of the noise is kept apart and summed in order, so that rounding does not depend on the threads.
-    let shares: Vec<Noise> = indirect
+    let shares: Vec<(Noise, u64)> = indirect
         .par_chunks_mut((CHUNK * row).max(1))
         .enumerate()
         .map_init(
             || (LightSums::new(&table, tracer), vec![0f32; row]),
             |(sums, first_half), (chunk, rows)| {
                 let mut noise = Noise::new(n);
+                let rays_before = sums.rays();
                 for (i, out) in rows.chunks_mut(row).enumerate() {
                     if progress.cancelled() {
-                        return noise;
+                        break;
                     }
                     let texel = chunk * CHUNK + i;
                     let receivers = Receivers::new(tracer, lightmap, texel);
@@ -91,7 +94,7 @@ pub fn bake(
                     noise.add(out, first_half, settings.paths, lightmap.texels[texel].area);
                     progress.advance(1);
                 }
-                noise
+                (noise, sums.rays() - rays_before)
             },
         )
         .collect();
@@ -100,8 +103,9 @@ pub fn bake(
         return Err(BakeError::Cancelled);
     }
     let mut noise = Noise::new(n);
-    shares.iter().for_each(|share| noise.merge(share));
-    Ok(Baked { conditions: n, indirect, noise: noise.relative_rmse() })
+    shares.iter().for_each(|(share, _)| noise.merge(share));
+    let rays = shares.iter().map(|(_, rays)| rays).sum();
+    Ok(Baked { conditions: n, indirect, noise: noise.relative_rmse(), rays })
 }
 
 /// Positions per texel at which its direct light is evaluated: enough to smooth a shadow's edge inside it.
@@ -151,13 +155,13 @@ pub fn bake_direct(
 }
 
 /// Surface points inside one texel.
-struct Receivers<'l, 'a> {
+struct Receivers<'a> {
     asset: &'a Asset,
-    points: TexelSampler<'l>,
+    points: TexelSampler,
 }
 
-impl<'l, 'a> Receivers<'l, 'a> {
-    fn new(tracer: &Tracer<'a>, lightmap: &'l Lightmap, texel: usize) -> Self {
+impl<'a> Receivers<'a> {
+    fn new(tracer: &Tracer<'a>, lightmap: &Lightmap, texel: usize) -> Self {
         Self { asset: tracer.asset(), points: lightmap.sampler(&tracer.asset().mesh, texel) }
     }
 

@@ -20,6 +20,7 @@ pub struct LightSums<'t, 'a> {
     pub emission: Rgb,
     /// The part of it that arrived without reflection.
     pub direct_emission: Rgb,
+    path_rays: u64,
 }
 
 impl<'t, 'a> LightSums<'t, 'a> {
@@ -29,11 +30,17 @@ impl<'t, 'a> LightSums<'t, 'a> {
             sums: vec![Rgb::ZERO; table.block_count() * LANES],
             emission: Rgb::ZERO,
             direct_emission: Rgb::ZERO,
+            path_rays: 0,
         }
     }
 
     pub fn sums(&self) -> &[Rgb] {
         &self.sums
+    }
+
+    /// Rays so far: segments of paths and shadow rays to the lights of the table. [`Self::clear`] does not reset it.
+    pub fn rays(&self) -> u64 {
+        self.path_rays + self.gather.rays
     }
 
     pub fn clear(&mut self) {
@@ -81,7 +88,12 @@ impl<'t, 'a> LightSums<'t, 'a> {
 impl Collector for LightSums<'_, '_> {
     #[inline]
     fn vertex(&mut self, surface: &Surface, to_previous: Vec3, throughput: Rgb, _bounces: u32) {
+        self.path_rays += 1;
         self.reflect_lights(surface, to_previous, throughput);
+    }
+
+    fn escaped(&mut self, _: Vec3, _: Rgb, _: u32) {
+        self.path_rays += 1;
     }
 
     fn emission(&mut self, irradiance: Rgb, bounces: u32) {

@@ -1,8 +1,11 @@
 //! The path tracer: paths that all lighting conditions share, and what is collected along them.
 
+pub mod bake;
 pub mod conditions;
 pub mod emitters;
 pub mod path;
+pub mod reference;
 
+pub use bake::{BakeError, BakeSettings, Baked, bake, bake_direct};
 pub use emitters::Emitters;
 pub use path::{Collector, Walk};

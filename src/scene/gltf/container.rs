@@ -45,9 +45,10 @@ pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
 
 /// The document without the parts that never reach a light path.
 pub(super) fn parse(json: &[u8]) -> Result<Root, String> {
-    let not_gltf = |e| format!("not valid glTF JSON: {e}");
+    let not_gltf = |e| format!("not valid glTF JSON: {e}; export or download it again");
     let mut document: Value = deserialize::from_slice(json).map_err(not_gltf)?;
-    let version = document.pointer("/asset/version").and_then(Value::as_str).unwrap_or("none");
+    let version = document.pointer("/asset/version").and_then(Value::as_str);
+    let version = version.ok_or("not a glTF document: it has no asset version; export as glTF 2.0")?;
     if version != "2" && !version.starts_with("2.") {
         return Err(format!("glTF version {version:?}, expected \"2.0\"; export as glTF 2.0"));
     }
