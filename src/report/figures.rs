@@ -68,8 +68,7 @@ pub fn signed_lightmap(lightmap: &Lightmap, values: &[f32], caption: impl Into<S
 
 /// Blue for −1, white for 0, red for 1 (the ends of ColorBrewer's RdBu, safe for colour-blind readers).
 fn diverging(value: f32) -> [u8; 3] {
-    let (end, t) =
-        if value < 0.0 { (Vec3::new(33.0, 102.0, 172.0), -value) } else { (Vec3::new(178.0, 24.0, 43.0), value) };
+    let (end, t) = if value < 0.0 { (Vec3::new(33.0, 102.0, 172.0), -value) } else { (Vec3::new(178.0, 24.0, 43.0), value) };
     // Square root, so that small values are seen.
     Vec3::splat(255.0).lerp(end, t.clamp(0.0, 1.0).sqrt()).to_array().map(|c| c as u8)
 }

@@ -3,6 +3,7 @@
 pub mod figures;
 pub mod plot;
 
+
 /// A picture with what it shows.
 pub struct Image {
     pub caption: String,
