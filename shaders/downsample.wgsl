@@ -1,4 +1,4 @@
-// The direct vector x: each point averages its sub-points (METHOD eq. 3). One invocation a point.
+// The direct vector x: each point averages its sub-points (METHOD eq. 2). One invocation a point.
 // CPU twin: MeasurementPoints::average.
 @group(0) @binding(0) var<storage, read> exitance: array<vec4f>;        // W/m², one a sub-point
 @group(0) @binding(1) var<storage, read> neighbours: array<u32>;        // [point][neighbour]

@@ -1,4 +1,4 @@
-// Punctual lights: what arrives at a point, without shadow (METHOD eq. 2). CPU twin: LightTable::arrive.
+// Punctual lights: what arrives at a point, without shadow (METHOD eq. 1). CPU twin: LightTable::arrive.
 struct Light {
     position: vec3f,      // metres, world space; for a directional light the unit vector towards it
     local: f32,           // 1 for point and spot, 0 for directional

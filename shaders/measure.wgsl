@@ -1,4 +1,4 @@
-// Direct light at the sub-points, shadows included (METHOD eq. 2). One invocation a sub-point.
+// Direct light at the sub-points, shadows included (METHOD eq. 1). One invocation a sub-point.
 // CPU twin: MeasurementPoints::sub_point_exitance.
 struct SubPoint {
     position: vec3f,          // metres, world space
@@ -16,11 +16,12 @@ fn measure(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let point = sub_points[id.x];
+    // Light is evaluated where its shadow rays start, so that they end at the lights.
     let origin = point.position + point.geometric_normal * frame.shadow_offset;
     var irradiance = vec3f(0.0);
     for (var i = 0u; i < frame.light_count; i++) {
         let arrival = arrive(lights[i], origin, point.normal);
-        if any(arrival.irradiance > vec3f(0.0)) && !occluded(origin, arrival.segment) {
+        if reaches(arrival, origin, point.geometric_normal) {
             irradiance += arrival.irradiance;
         }
     }

@@ -88,7 +88,7 @@ fn direct_radiance(position: vec3f, geometric_normal: vec3f, normal: vec3f, to_v
     var sum = vec3f(0.0);
     for (var i = 0u; i < frame.light_count; i++) {
         let arrival = arrive(lights[i], origin, normal);
-        if any(arrival.irradiance > vec3f(0.0)) && !occluded(origin, arrival.segment) {
+        if reaches(arrival, origin, geometric_normal) {
             sum += evaluate_bsdf(bsdf, normal, to_view, arrival.direction) * arrival.irradiance;
         }
     }

@@ -71,3 +71,9 @@ fn occluded(origin: vec3f, segment: vec3f) -> bool {
     }
     return false;
 }
+
+// Whether what `arrival` brings to `origin`, just off a surface, gets there. CPU twin: LightGather::gather.
+fn reaches(arrival: Arrival, origin: vec3f, geometric_normal: vec3f) -> bool {
+    return any(arrival.irradiance > vec3f(0.0)) && dot(arrival.direction, geometric_normal) > 0.0
+        && !occluded(origin, arrival.segment);
+}

@@ -10,7 +10,7 @@ use crate::model::ViewError;
 #[derive(Debug, thiserror::Error)]
 pub enum GpuError {
     #[error(
-        "no GPU adapter{wanted} found ({found}); install a Vulkan, Metal or DirectX 12 driver, or render with --cpu"
+        "no usable GPU adapter{wanted}; found: {found}; install a Vulkan, Metal or DirectX 12 driver, or render with --cpu"
     )]
     NoAdapter {
         /// " named …" where one was asked for.
@@ -37,7 +37,8 @@ pub struct Gpu {
 }
 
 impl Gpu {
-    /// Opens the adapter that `WGPU_ADAPTER_NAME` names (any part of its name, letter case ignored), or the fastest.
+    /// Opens the fastest adapter; `WGPU_ADAPTER_NAME` narrows the choice to adapters whose name it is part of, letter case
+    /// ignored.
     ///
     /// # Errors
     /// [`GpuError::NoAdapter`] and [`GpuError::NoDevice`], each with what was found instead.
@@ -227,27 +228,35 @@ impl Gpu {
     }
 }
 
+/// The fastest kind of adapter that has all of WebGPU, among those whose name `WGPU_ADAPTER_NAME` is part of.
 fn choose_adapter(instance: &wgpu::Instance) -> Result<wgpu::Adapter, GpuError> {
-    match std::env::var("WGPU_ADAPTER_NAME") {
-        Ok(wanted) if !wanted.is_empty() => {
-            let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
-            let names: Vec<String> = adapters.iter().map(|a| a.get_info().name).collect();
-            let at = names.iter().position(|name| name.to_lowercase().contains(&wanted.to_lowercase()));
-            match at {
-                Some(at) => Ok(adapters.into_iter().nth(at).expect("position is within the list")),
-                None => Err(GpuError::NoAdapter {
-                    wanted: format!(" named {wanted:?} (WGPU_ADAPTER_NAME)"),
-                    found: if names.is_empty() { "none at all".to_owned() } else { names.join(", ") },
-                }),
-            }
+    let wanted = std::env::var("WGPU_ADAPTER_NAME").unwrap_or_default().to_lowercase();
+    let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    let mut found = Vec::new();
+    let mut usable = Vec::new();
+    for adapter in adapters {
+        let info = adapter.get_info();
+        let complete = adapter.get_downlevel_capabilities().is_webgpu_compliant();
+        let lacking = if complete { "" } else { ", which lacks parts of WebGPU" };
+        found.push(format!("{} on {}{lacking}", info.name, info.backend));
+        if complete && info.name.to_lowercase().contains(&wanted) {
+            usable.push(adapter);
         }
-        _ => {
-            let options = wgpu::RequestAdapterOptions {
-                power_preference: wgpu::PowerPreference::HighPerformance,
-                ..Default::default()
-            };
-            pollster::block_on(instance.request_adapter(&options))
-                .map_err(|e| GpuError::NoAdapter { wanted: String::new(), found: e.to_string() })
+    }
+    usable.into_iter().min_by_key(|adapter| slowness(adapter.get_info().device_type)).ok_or_else(|| {
+        GpuError::NoAdapter {
+            wanted: if wanted.is_empty() { String::new() } else { format!(" named {wanted:?} (WGPU_ADAPTER_NAME)") },
+            found: if found.is_empty() { "none at all".to_owned() } else { found.join("; ") },
         }
+    })
+}
+
+fn slowness(kind: wgpu::DeviceType) -> u32 {
+    match kind {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
     }
 }

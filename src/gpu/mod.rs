@@ -4,7 +4,9 @@
 //! within WebGPU's default limits on bindings and needs no optional feature.
 //!
 //! Shadows are rays against a BVH in a storage buffer, at the measurement points and at the pixels alike: the direct light
-//! of the run time is then that of training, without a bias to tune.
+//! of the run time is then that of training and of the CPU's pictures, for every kind of light, without a bias to tune.
+//! At the points this is all but free. At the pixels shadow maps would be faster where rays run in software: on Mesa's
+//! llvmpipe a frame with four lights took 6 to 19 times as long as one depth map of 1024² a light with 3 × 3 lookups.
 
 mod bindings;
 mod bvh;

@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 use relight::light::Light;
 use relight::math::Rgb;
 use relight::measure::{MeasurementPoint, MeasurementPoints};
-use relight::model::{Basis, Channels, Model, Transfer, View};
+use relight::model::{Basis, Channels, HeldOut, Model, TrainingRecord, Transfer, View};
 use relight::scene::{Asset, Camera, Material, Mesh, Reflectance, Texture, TextureRef, Wrap};
 
 /// Texels on a side of the lightmap.
@@ -183,6 +183,15 @@ pub fn model(channels: Channels, elements: usize, mean_scaled_by_norm: bool) -> 
         points,
         basis: Basis { size: LIGHTMAP, elements, components, values },
         transfer: Transfer { channels, elements, points: count, matrices, mean_scaled_by_norm },
+        record: TrainingRecord {
+            version: String::new(),
+            scene: String::new(),
+            asset_hash: String::new(),
+            conditions: 0,
+            dropped: 0,
+            lambda: 0.0,
+            held_out: HeldOut { conditions: 0, mean: 0.0, median: 0.0, worst: 0.0, oracle_mean: 0.0, noise: 0.0 },
+        },
     }
 }
 

@@ -1,0 +1,332 @@
+//! Every stage on the GPU against its twin on the CPU. Without an adapter these tests are reported as ignored.
+//!
+//! Each comparison returns what differs, so that its control, a comparison that must fail, runs the same code.
+
+#[path = "common/room.rs"]
+mod room;
+
+use std::f32::consts::FRAC_1_PI;
+
+use glam::{Vec2, Vec3};
+use libtest_mimic::{Arguments, Failed, Trial};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use relight::gpu::{Gpu, GpuError, Runtime};
+use relight::light::{Light, LightTable};
+use relight::math::Rgb;
+use relight::model::{Channels, Model, Picture, Shown, View, ViewError};
+use relight::scene::{Camera, Tracer};
+
+const EPSILON: f32 = f32::EPSILON;
+
+fn main() {
+    // Any other failure is the tests' to report.
+    let absent = match Gpu::new() {
+        Err(error @ GpuError::NoAdapter { .. }) => {
+            eprintln!("GPU tests are ignored: {error}");
+            true
+        }
+        _ => false,
+    };
+    let trial = |name: &str, body: fn()| {
+        let run = move || -> Result<(), Failed> {
+            body();
+            Ok(())
+        };
+        Trial::test(name, run).with_ignored_flag(absent)
+    };
+    let trials = vec![
+        trial("measure_matches_direct_light_of_every_kind", measure),
+        trial("downsample_averages_the_same_neighbours", downsample),
+        trial("transfer_matches_for_mono_multi_and_mean", transfer),
+        trial("basis_lookup_matches", basis_lookup),
+        trial("whole_picture_matches", whole_picture),
+        trial("many_lights_fit_after_few", many_lights),
+        trial("absurd_views_are_refused_and_leave_the_runtime_usable", absurd_views),
+    ];
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
+
+/// Random lights of all kinds, in and around the room.
+fn random_lights(count: usize) -> Vec<Light> {
+    let mut rng = Pcg64::seed_from_u64(17);
+    (0..count)
+        .map(|i| {
+            let mut cube = || Vec3::new(rng.random(), rng.random(), rng.random());
+            let position = (cube() - 0.5) * Vec3::new(2.6, 2.2, 2.6) + Vec3::Y;
+            let (direction, color) = ((cube() - 0.5).normalize(), cube());
+            let intensity = 1.0 + 4.0 * rng.random::<f32>();
+            let range = rng.random_bool(0.5).then(|| 1.0 + 2.0 * rng.random::<f32>());
+            let inner = rng.random::<f32>() * 0.7;
+            match i % 3 {
+                0 => Light::Point { position, color, intensity, range },
+                1 => Light::Spot {
+                    position,
+                    direction,
+                    color,
+                    intensity,
+                    range,
+                    inner_cone_angle: inner,
+                    outer_cone_angle: inner + 0.1 + 0.7 * rng.random::<f32>(),
+                },
+                _ => Light::Directional { direction, color, intensity },
+            }
+        })
+        .collect()
+}
+
+/// CPU exitance of each sub-point under each light alone: `[light][sub_point]`.
+fn exitance_of_each(model: &Model, tracer: &Tracer, lights: &[Light]) -> Vec<Vec<Rgb>> {
+    lights.iter().map(|light| model.points.sub_point_exitance(tracer, &LightTable::new([light]))).collect()
+}
+
+/// Irradiance is I/d² times factors of at most one, each a few roundings away from its twin; the ramp between a spot's cones
+/// multiplies the rounding of its cosine by the ramp's scale. 32 ε covers the roundings of WGSL's divisions and roots.
+fn measure_tolerance(light: &Light, position: Vec3, albedo: Rgb) -> f32 {
+    let (reach, scale) = match *light {
+        Light::Point { position: from, intensity, .. } => (intensity / from.distance_squared(position), 0.0),
+        Light::Spot { position: from, intensity, inner_cone_angle: inner, outer_cone_angle: outer, .. } => {
+            (intensity / from.distance_squared(position), 1.0 / (inner.cos() - outer.cos()))
+        }
+        Light::Directional { intensity, .. } => (intensity, 0.0),
+        Light::Emissive { .. } => (0.0, 0.0),
+    };
+    32.0 * EPSILON * (1.0 + scale) * reach * albedo.max_element()
+}
+
+fn measure() {
+    let model = room::model(Channels::Mono, 4, false);
+    let mut runtime = Runtime::new(&model).unwrap();
+    let tracer = Tracer::new(&model.asset);
+    let lights = random_lights(48);
+    let cpu = exitance_of_each(&model, &tracer, &lights);
+    // A shadow ray that grazes an edge may fall on either side of it. Such a ray changes its mind when its origin moves a
+    // hundred times farther than rounding does.
+    let mut farther = Tracer::new(&model.asset);
+    farther.offset *= 2.0;
+    let moved = exitance_of_each(&model, &farther, &lights);
+
+    let (mut lit, mut shadowed, mut grazing) = (0, 0, 0);
+    let mut misses = Vec::new();
+    let mut control = 0;
+    for (l, light) in lights.iter().enumerate() {
+        let gpu = runtime.sub_point_exitance(std::slice::from_ref(light)).unwrap();
+        for (s, point) in model.points.sub_points.iter().enumerate() {
+            let (want, got) = (cpu[l][s], gpu[s]);
+            if (want == Vec3::ZERO) != (moved[l][s] == Vec3::ZERO) {
+                grazing += 1;
+                continue;
+            }
+            if want == Vec3::ZERO {
+                shadowed += 1
+            } else {
+                lit += 1
+            }
+            let tolerance = measure_tolerance(light, point.position, point.albedo);
+            if (got - want).abs().max_element() > tolerance {
+                misses.push(format!("light {l} sub-point {s}: GPU {got}, CPU {want}, tolerance {tolerance}"));
+            }
+            control += ((got - want * 1.001).abs().max_element() > tolerance) as usize;
+        }
+    }
+    assert!(misses.is_empty(), "{} of {}: {:#?}", misses.len(), lit + shadowed, &misses[..misses.len().min(5)]);
+    // Both answers occur, and few rays graze.
+    assert!(lit > 1000 && shadowed > 1000, "{lit} lit, {shadowed} dark");
+    assert!(grazing < (lit + shadowed) / 100, "{grazing} graze");
+    assert!(control > lit / 2, "a light a thousandth brighter goes unnoticed: {control} of {lit}");
+}
+
+fn downsample() {
+    let model = room::model(Channels::Mono, 4, false);
+    let mut runtime = Runtime::new(&model).unwrap();
+    let tracer = Tracer::new(&model.asset);
+    let lights = room::lights();
+    let exitance = model.points.sub_point_exitance(&tracer, &LightTable::new(&lights));
+    let cpu = model.points.average(&exitance);
+    // A mean of k positive numbers: k roundings, one more for the division.
+    let tolerance = (model.points.neighbours_per_point() + 1) as f32 * EPSILON;
+    let agrees =
+        |gpu: &[Rgb]| gpu.iter().zip(&cpu).all(|(g, c)| (*g - *c).abs().max_element() <= tolerance * c.max_element());
+    assert!(agrees(&runtime.average(&exitance).unwrap()));
+    let mut shifted = exitance.clone();
+    shifted.rotate_left(1);
+    assert!(!agrees(&runtime.average(&shifted).unwrap()), "other sub-points go unnoticed");
+}
+
+/// Elements whose GPU and CPU coefficients differ by more than a sum of P (or 3P) products may round.
+fn transfer_misses(model: &Model, direct: &[Rgb], gpu: &[Rgb]) -> usize {
+    let transfer = &model.transfer;
+    let terms = if transfer.channels == Channels::Mono { transfer.points } else { 3 * transfer.points };
+    let cpu = transfer.coefficients(direct);
+    // The same sum of magnitudes bounds the rounding of any order of summation.
+    let mut magnitudes = transfer.clone();
+    magnitudes.matrices.iter_mut().flatten().for_each(|m| *m = m.abs());
+    let magnitudes = magnitudes.coefficients(direct);
+    (0..transfer.elements)
+        .filter(|&j| {
+            let tolerance = (terms + 4) as f32 * EPSILON * magnitudes[j];
+            !(gpu[j] - cpu[j]).abs().cmple(tolerance).all()
+        })
+        .count()
+}
+
+fn transfer() {
+    let mut rng = Pcg64::seed_from_u64(2);
+    for channels in [Channels::Mono, Channels::Multi] {
+        for mean in [false, true] {
+            let mut model = room::model(channels, 7, mean);
+            let direct: Vec<Rgb> =
+                (0..model.points.points.len()).map(|_| Rgb::new(rng.random(), rng.random(), rng.random())).collect();
+            let gpu = Runtime::new(&model).unwrap().coefficients(&direct).unwrap();
+            assert_eq!(transfer_misses(&model, &direct, &gpu), 0, "{channels:?}, mean {mean}");
+            let at = model.transfer.matrices[0].len() / 2;
+            model.transfer.matrices[0][at] += 0.01;
+            assert_eq!(transfer_misses(&model, &direct, &gpu), 1, "{channels:?}: a changed matrix goes unnoticed");
+        }
+    }
+}
+
+/// A view of nothing but the back wall.
+fn wall_view() -> View {
+    let camera = Camera {
+        eye: Vec3::new(0.75, 1.75, -0.6),
+        target: Vec3::new(0.78, 1.72, -1.0),
+        up: Vec3::Y,
+        vertical_fov: 20.0,
+    };
+    View { samples_per_axis: 1, ..View::new(camera, 96, 64) }
+}
+
+fn basis_lookup() {
+    for (channels, elements) in [(Channels::Mono, 6), (Channels::Multi, 5)] {
+        let model = room::model(channels, elements, false);
+        let coefficients = room::coefficients(elements);
+        let mut runtime = Runtime::new(&model).unwrap();
+        let tracer = Tracer::new(&model.asset);
+        let no_lights = LightTable::new(&[]);
+        let mut differences = |u: &[Rgb]| {
+            runtime.set_coefficients(u);
+            runtime.draw(&wall_view(), Shown::IndirectOnWhite).unwrap();
+            let gpu = runtime.read_picture(&wall_view()).unwrap();
+            let cpu =
+                model.render_with(&tracer, &wall_view(), &no_lights, &coefficients, Shown::IndirectOnWhite).unwrap();
+            gpu.pixels.iter().zip(&cpu.pixels).map(|(g, c)| (*g - *c).abs().max_element()).fold(0.0, f32::max)
+        };
+        // Texture units round the weights of a bilinear lookup to 8 bits: half a step along each axis, times the largest
+        // difference of two texels.
+        let values = || model.basis.values.iter().map(|v| v.to_f32());
+        let span = values().fold(f32::MIN, f32::max) - values().fold(f32::MAX, f32::min);
+        let weight: f32 = coefficients.iter().map(|u| u.abs().max_element()).sum();
+        let tolerance = 2.0 / 512.0 * weight * span * FRAC_1_PI;
+        let largest = differences(&coefficients);
+        assert!(largest <= tolerance, "{channels:?}: {largest} over {tolerance}");
+        println!("{channels:?}: largest difference {largest:e}, tolerance {tolerance:e}");
+        let last = coefficients.len() - 1;
+        let mut wrong = coefficients.clone();
+        wrong[last] += 0.2;
+        assert!(differences(&wrong) > tolerance, "a changed coefficient goes unnoticed");
+    }
+}
+
+/// Samples that a rasteriser may give to another surface than a ray: it rounds vertices to 1/256 of a sample, which moves
+/// an outline by at most half of that along each axis. Outlines of shadows on the surfaces move as much, once a light.
+/// The count is nearly Poisson; five sigmas above its mean.
+fn flipped_samples(model: &Model, view: &View, lights: usize) -> f32 {
+    let clip_from_world = view.pinhole().unwrap().clip_from_world(1e-3);
+    let size = Vec2::from_array(view.samples().map(|s| s as f32));
+    let mesh = &model.asset.mesh;
+    let on_screen = |vertex: u32| {
+        let clip = clip_from_world * mesh.positions[vertex as usize].extend(1.0);
+        Vec2::new(clip.x, clip.y) / clip.w * 0.5 * size
+    };
+    let edges = |t: &[u32; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
+    let all: std::collections::HashSet<[u32; 2]> = mesh.triangles.iter().flat_map(edges).collect();
+    // An edge that two triangles of one surface share is no outline.
+    let outlines = all.iter().filter(|[a, b]| !all.contains(&[*b, *a]));
+    let length: f32 = outlines.map(|&[a, b]| on_screen(a).distance(on_screen(b))).sum();
+    let width = 2.0 * std::f32::consts::SQRT_2 / 512.0;
+    let mean = length * width * (1 + lights) as f32;
+    mean + 5.0 * mean.sqrt()
+}
+
+/// Pixels that differ by more than rounding: what the picture changes over 1/64 of a pixel, and 1e-4 of its brightest light
+/// for the specular lobe, which magnifies the rounding of its half vector by about 1/α².
+fn differing_pixels(gpu: &Picture, cpu: &Picture) -> Vec<(u32, u32, f32)> {
+    let brightest = cpu.pixels.iter().map(|p| p.max_element()).fold(0.0, f32::max);
+    let mut differing = Vec::new();
+    for y in 0..cpu.height {
+        for x in 0..cpu.width {
+            let here = cpu.pixel(x, y);
+            let mut change = 0f32;
+            for ny in y.saturating_sub(1)..(y + 2).min(cpu.height) {
+                for nx in x.saturating_sub(1)..(x + 2).min(cpu.width) {
+                    change = change.max((cpu.pixel(nx, ny) - here).abs().max_element());
+                }
+            }
+            let difference = (gpu.pixel(x, y) - here).abs().max_element();
+            if difference.is_nan() || difference > change / 64.0 + 1e-4 * brightest {
+                differing.push((x, y, difference));
+            }
+        }
+    }
+    differing
+}
+
+fn whole_picture() {
+    let view = room::view(160, 120);
+    let lights = room::lights();
+    for (channels, elements) in [(Channels::Mono, 6), (Channels::Multi, 3)] {
+        let model = room::model(channels, elements, false);
+        let tracer = Tracer::new(&model.asset);
+        let mut runtime = Runtime::new(&model).unwrap();
+        for shown in [Shown::Full, Shown::Direct, Shown::Indirect, Shown::IndirectOnWhite] {
+            let cpu = model.render(&tracer, &view, &lights, shown).unwrap();
+            let gpu = runtime.render(&view, &lights, shown).unwrap();
+            let allowed = flipped_samples(&model, &view, lights.len());
+            let differing = differing_pixels(&gpu, &cpu);
+            println!("{channels:?} {shown:?}: {} pixels differ, {allowed:.0} may", differing.len());
+            if differing.len() as f32 > allowed {
+                panic!("{shown:?}: {} differ, {allowed} may; see {}", differing.len(), evidence(&gpu, &cpu));
+            }
+            let mut brighter = gpu.clone();
+            brighter.pixels.iter_mut().for_each(|p| *p *= 1.05);
+            assert!(differing_pixels(&brighter, &cpu).len() as f32 > allowed, "5 % more light goes unnoticed");
+        }
+    }
+}
+
+/// Leaves both pictures and their difference beside each other.
+fn evidence(gpu: &Picture, cpu: &Picture) -> String {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let pixels = gpu.pixels.iter().zip(&cpu.pixels).map(|(g, c)| (*g - *c).abs()).collect();
+    let difference = Picture { pixels, ..*gpu };
+    for (name, picture) in [("gpu", gpu), ("cpu", cpu), ("difference", &difference)] {
+        picture.write_exr(&folder.join(format!("{name}.exr"))).unwrap();
+    }
+    folder.display().to_string()
+}
+
+/// The list of lights grows when it must: a light split in 40 shines like one.
+fn many_lights() {
+    let model = room::model(Channels::Mono, 4, false);
+    let mut runtime = Runtime::new(&model).unwrap();
+    let one = runtime.sub_point_exitance(&room::lights()[..1]).unwrap();
+    let Light::Point { position, color, intensity, range } = room::lights()[0] else { unreachable!() };
+    let split = vec![Light::Point { position, color, intensity: intensity / 40.0, range }; 40];
+    let many = runtime.sub_point_exitance(&split).unwrap();
+    assert!(one.iter().any(|e| e.max_element() > 0.0));
+    for (a, b) in one.iter().zip(&many) {
+        // 40 additions.
+        assert!((*a - *b).abs().max_element() <= 41.0 * EPSILON * a.max_element(), "{a} {b}");
+    }
+    assert_eq!(runtime.sub_point_exitance(&[]).unwrap(), vec![Vec3::ZERO; one.len()]);
+}
+
+fn absurd_views() {
+    let model = room::model(Channels::Mono, 4, false);
+    let mut runtime = Runtime::new(&model).unwrap();
+    let mut render = |width, height| runtime.render(&room::view(width, height), &room::lights(), Shown::Full);
+    assert!(matches!(render(0, 0), Err(GpuError::View(ViewError::Size { width: 0, height: 0 }))));
+    assert!(matches!(render(32768, 1), Err(GpuError::TooLarge { .. })));
+    assert_eq!(render(16, 9).unwrap().pixels.len(), 16 * 9);
+}
