@@ -196,7 +196,7 @@ impl Inputs<'_> {
         progress: &dyn Progress,
     ) -> Result<Vec<Plate>, ReportError> {
         let errors = HeldOutErrors::of(self.fit, own.dataset, own.gram);
-        let lit: Vec<usize> = own.dataset.held_out().filter(|&h| own.gram.squared_norm(h) > 0.0).collect();
+        let lit: Vec<usize> = own.dataset.held_out().filter(|&h| own.gram.is_lit(h)).collect();
         let mut order: Vec<usize> = (0..errors.transfer.len()).collect();
         order.sort_by(|&a, &b| errors.transfer[a].total_cmp(&errors.transfer[b]));
         let baseline = self.baseline(own)?;

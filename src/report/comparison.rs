@@ -84,7 +84,7 @@ impl Comparison<'_> {
         let errors = HeldOutErrors::of(fit, self.dataset, self.gram);
         let summary = errors.summary();
         let shares = self.indirect_shares();
-        let lit = self.dataset.held_out().filter(|&h| self.gram.squared_norm(h) > 0.0);
+        let lit = self.dataset.held_out().filter(|&h| self.gram.is_lit(h));
         let total: Vec<f64> =
             lit.zip(&errors.transfer).map(|(h, e)| e * shares[h - self.dataset.training]).collect();
         Row {
@@ -106,7 +106,7 @@ impl Comparison<'_> {
     pub fn classical(&self, prt: &ShPrt, method: &'static str, centre: Vec3) -> Vec<Row> {
         let held_out: Vec<&LightingCondition> = self.dataset.held_out().map(|h| &self.dataset.conditions[h]).collect();
         let lit: Vec<usize> = (0..held_out.len())
-            .filter(|h| self.gram.squared_norm(self.dataset.training + h) > 0.0)
+            .filter(|h| self.gram.is_lit(self.dataset.training + h))
             .collect();
         ORDERS
             .iter()

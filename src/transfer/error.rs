@@ -32,7 +32,7 @@ impl HeldOutErrors {
     /// Errors of `fit` on the held-out conditions of `dataset`. Conditions without any indirect light are left out.
     pub fn of(fit: &Fit, dataset: &Dataset, gram: &Gram) -> Self {
         let products = fit.element_products(gram);
-        let conditions: Vec<usize> = dataset.held_out().filter(|&h| gram.squared_norm(h) > 0.0).collect();
+        let conditions: Vec<usize> = dataset.held_out().filter(|&h| gram.is_lit(h)).collect();
         let (transfer, oracle) = conditions.par_iter().map(|&h| errors_of(fit, dataset, gram, &products, h)).unzip();
         Self { transfer, oracle }
     }

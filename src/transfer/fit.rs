@@ -101,7 +101,7 @@ impl Fit {
         let groups = groups(channels);
         let lit = |condition: &usize| {
             let seen = groups.iter().any(|group| direct_vector(dataset, group, *condition).iter().any(|&x| x != 0.0));
-            seen && gram.squared_norm(*condition) > 0.0
+            seen && gram.is_lit(*condition)
         };
         let kept: Vec<usize> = (0..dataset.training).filter(lit).collect();
         if kept.len() < elements.max(1) {

@@ -16,7 +16,12 @@ pub struct Gram {
     pub products: Mat<f64>,
     /// N, held-out conditions included.
     pub conditions: usize,
+    /// Largest squared norm of a condition's lightmap.
+    brightest: f64,
 }
+
+/// Norm of a lightmap, relative to the brightest, under which a condition counts as dark.
+const DARK: f64 = 1e-4;
 
 /// Texels converted to f64 at a time: 256 rows of 1,000 vectors fill 2 MB, the second-level cache.
 const ROWS: usize = 256;
@@ -70,12 +75,20 @@ impl Gram {
         if !products.is_all_finite() {
             return Err(TransferError::NotFinite { what: "indirect light" });
         }
-        Ok(Self { products, conditions: n })
+        let mut gram = Self { products, conditions: n, brightest: 0.0 };
+        gram.brightest = (0..n).map(|c| gram.squared_norm(c)).fold(0.0, f64::max);
+        Ok(gram)
     }
 
     /// Inner product of the lightmaps of two conditions, each in one channel.
     pub fn product(&self, a: (usize, usize), b: (usize, usize)) -> f64 {
         self.products[(a.0 * self.conditions + a.1, b.0 * self.conditions + b.1)]
+    }
+
+    /// Whether a condition lights the asset at all: its lightmap is not under [`DARK`] of the brightest one. What is darker
+    /// came through cracks, and a relative error on it says nothing.
+    pub fn is_lit(&self, condition: usize) -> bool {
+        self.squared_norm(condition) > self.brightest * DARK * DARK
     }
 
     /// Squared norm of a condition's lightmap, all channels together.
