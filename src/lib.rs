@@ -20,18 +20,18 @@
 //!
 //! `docs/METHOD.md` has the notation and the numbered equations that comments cite.
 
-pub mod math;
+pub mod cli;
+pub mod dataset;
 pub mod files;
-pub mod progress;
-pub mod prt;
-pub mod scene;
+pub mod gpu;
 pub mod light;
+pub mod math;
 pub mod measure;
 pub mod model;
-pub mod gpu;
-pub mod transport;
-pub mod dataset;
-pub mod transfer;
+pub mod progress;
+pub mod prt;
 pub mod report;
+pub mod scene;
 pub mod scene_file;
-pub mod cli;
+pub mod transfer;
+pub mod transport;

@@ -160,13 +160,15 @@ impl SceneFile {
     /// One line that names the file, the setting and what was expected.
     pub fn read(path: &Path) -> Result<Self, SceneFileError> {
         if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
-            return Ok(Self { asset: AssetSettings { path: Some(path.to_owned()), ..Default::default() }, ..Self::default() });
+            return Ok(Self {
+                asset: AssetSettings { path: Some(path.to_owned()), ..Default::default() },
+                ..Self::default()
+            });
         }
-        let text = std::fs::read_to_string(path).map_err(|source| SceneFileError::Read { path: path.to_owned(), source })?;
-        let mut scene: Self = toml::from_str(&text).map_err(|e| SceneFileError::Parse {
-            path: path.to_owned(),
-            message: one_line(&text, &e),
-        })?;
+        let text =
+            std::fs::read_to_string(path).map_err(|source| SceneFileError::Read { path: path.to_owned(), source })?;
+        let mut scene: Self = toml::from_str(&text)
+            .map_err(|e| SceneFileError::Parse { path: path.to_owned(), message: one_line(&text, &e) })?;
         // Paths in the file are relative to it.
         if let Some(asset) = &mut scene.asset.path
             && let Some(folder) = path.parent()

@@ -113,7 +113,9 @@ fn distant(
     let n = conditions.len();
     let lit = (0..n).filter(|&c| direct.chunks_exact(3 * n).any(|row| row[c] > 0.0)).count();
     if (lit as f64) < LEAST_LIT * n as f64 {
-        reporter.note("distant light hardly reaches this asset: classical PRT is compared under the model's own scenario only");
+        reporter.note(
+            "distant light hardly reaches this asset: classical PRT is compared under the model's own scenario only",
+        );
         return Ok(None);
     }
     let dataset = Dataset::bake(tracer, &prepared.lightmap, &trained.model.points, draw, &settings, reporter)?;

@@ -21,7 +21,10 @@ pub fn run(json: Option<&Path>, reporter: &Reporter) -> Result<(), Failure> {
     println!("done in {:.0} s. Next:", start.elapsed().as_secs_f64());
     println!("  open out/report.html in a browser");
     println!("  relight train YOUR.glb -o out/yours.relight        train a transfer for your own asset");
-    println!("  relight render {} --light '{{type=\"point\", position=[2.8,4,2], intensity=20}}' -o out/relit.png", output.display());
+    println!(
+        "  relight render {} --light '{{type=\"point\", position=[2.8,4,2], intensity=20}}' -o out/relit.png",
+        output.display()
+    );
     println!("  relight --help                                      everything else (cargo run --release -- --help)");
     super::write_json(json, &figures)
 }

@@ -3,16 +3,16 @@
 use std::process::ExitCode;
 
 use crate::dataset::DatasetError;
+use crate::gpu::GpuError;
 use crate::light::ScenarioError;
 use crate::measure::PointsError;
-use crate::gpu::GpuError;
 use crate::model::{ModelFileError, PictureError, ViewError};
-use crate::transport::reference::ReferenceError;
 use crate::report::assemble::ReportError;
 use crate::scene::SceneError;
 use crate::scene_file::SceneFileError;
 use crate::transfer::TransferError;
 use crate::transport::BakeError;
+use crate::transport::reference::ReferenceError;
 
 /// Why a command failed.
 #[derive(Debug)]

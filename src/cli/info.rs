@@ -20,7 +20,8 @@ pub struct Info {
 impl Info {
     pub fn run(&self, json: Option<&Path>, _: &Reporter) -> Result<(), Failure> {
         let is_model = self.file.extension().is_some_and(|e| e.eq_ignore_ascii_case("relight"));
-        let facts = if is_model { model_facts(&Model::load(&self.file)?) } else { scene_facts(&SceneFile::read(&self.file)?)? };
+        let facts =
+            if is_model { model_facts(&Model::load(&self.file)?) } else { scene_facts(&SceneFile::read(&self.file)?)? };
         print_facts(&facts, 0);
         super::write_json(json, &facts)
     }

@@ -67,13 +67,20 @@ fn from_file(path: &Path) -> Result<Vec<Light>, Failure> {
 pub fn camera(argument: Option<&str>, asset: &Asset) -> Result<Camera, Failure> {
     let choices = || match asset.cameras.len() {
         0 => Failure::Input(format!("{} has no camera; give one with --camera", asset.name)),
-        n => Failure::Input(format!("--camera {}: {} has {n} cameras, numbered from 0", argument.unwrap_or("0"), asset.name)),
+        n => Failure::Input(format!(
+            "--camera {}: {} has {n} cameras, numbered from 0",
+            argument.unwrap_or("0"),
+            asset.name
+        )),
     };
     let camera = match argument {
         Some(text) if text.trim_start().starts_with('{') => inline("--camera", text)?,
         other => {
             let index = other.unwrap_or("0").parse::<usize>().map_err(|_| {
-                Failure::Input(format!("--camera {}: neither a camera in braces nor a number", other.unwrap_or_default()))
+                Failure::Input(format!(
+                    "--camera {}: neither a camera in braces nor a number",
+                    other.unwrap_or_default()
+                ))
             })?;
             asset.cameras.get(index).cloned().ok_or_else(choices)?
         }

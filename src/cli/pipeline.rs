@@ -50,8 +50,9 @@ pub fn prepare(scene: SceneFile, reporter: &Reporter) -> Result<Prepared, Failur
 impl Prepared {
     /// Back from a model: the same asset, layout and settings that it was trained with.
     pub fn from_model(model: &Model, place: &Path) -> Result<Self, Failure> {
-        let scene: SceneFile = toml::from_str(&model.record.scene)
-            .map_err(|e| Failure::Input(format!("{}: damaged: its scene settings do not parse: {}", place.display(), e.message())))?;
+        let scene: SceneFile = toml::from_str(&model.record.scene).map_err(|e| {
+            Failure::Input(format!("{}: damaged: its scene settings do not parse: {}", place.display(), e.message()))
+        })?;
         scene.check(&place.display().to_string())?;
         let lightmap = Lightmap::new(&model.asset.mesh, scene.lightmap.size as usize);
         Ok(Self { scene, asset: model.asset.clone(), lightmap })
@@ -88,7 +89,8 @@ impl Prepared {
         };
         let fit = Fit::train(&dataset, &gram, settings)?;
         if fit.dropped > 0 {
-            reporter.note(&format!("{} of {} conditions light nothing and were dropped", fit.dropped, dataset.training));
+            reporter
+                .note(&format!("{} of {} conditions light nothing and were dropped", fit.dropped, dataset.training));
         }
         let errors = HeldOutErrors::of(&fit, &dataset, &gram);
         let model = self.assemble(points, &dataset, &fit, &errors);

@@ -89,7 +89,16 @@ pub fn print_summary(trained: &Trained, output: &Path, bytes: u64) {
         record.conditions,
         held_out.conditions
     );
-    println!("  mean {}  median {}  worst {}", percent(held_out.mean), percent(held_out.median), percent(held_out.worst));
-    println!("  oracle {} (the best that this basis allows), noise of the bake {}", percent(held_out.oracle_mean), percent(held_out.noise));
+    println!(
+        "  mean {}  median {}  worst {}",
+        percent(held_out.mean),
+        percent(held_out.median),
+        percent(held_out.worst)
+    );
+    println!(
+        "  oracle {} (the best that this basis allows), noise of the bake {}",
+        percent(held_out.oracle_mean),
+        percent(held_out.noise)
+    );
     println!("wrote {} ({:.1} MB)", output.display(), bytes as f64 * 1e-6);
 }

@@ -101,7 +101,9 @@ impl Basis {
         let texels = lightmap.texels.len();
         let components = values.len() / (elements * texels).max(1);
         let nearest = lightmap.nearest_covered();
-        let values = values.chunks_exact(texels.max(1)).flat_map(|plane| nearest.iter().map(|&t| f16::from_f32(plane[t as usize])));
+        let values = values
+            .chunks_exact(texels.max(1))
+            .flat_map(|plane| nearest.iter().map(|&t| f16::from_f32(plane[t as usize])));
         Self { size: lightmap.size, elements, components, values: values.collect() }
     }
 

@@ -144,7 +144,13 @@ impl Inputs<'_> {
             ("errors.csv".to_owned(), csv(&rows)),
             ("singular_values.csv".to_owned(), singular_values_csv(&self.fit.singular_values)),
         ];
-        let page = Page { title: format!("{}: direct-to-indirect transfer", self.model.asset.name), facts: self.facts(own), rows, plots, plates };
+        let page = Page {
+            title: format!("{}: direct-to-indirect transfer", self.model.asset.name),
+            facts: self.facts(own),
+            rows,
+            plots,
+            plates,
+        };
         Ok(Report { page, images, tables })
     }
 
@@ -154,7 +160,14 @@ impl Inputs<'_> {
         vec![
             fact("triangles", self.model.asset.mesh.triangles.len().to_string()),
             fact("lightmap", format!("{0} x {0}, {1} texels", self.lightmap.size, self.lightmap.texels.len())),
-            fact("measurement points", format!("{} of {} sub-points each", self.model.points.points.len(), self.model.points.neighbours_per_point())),
+            fact(
+                "measurement points",
+                format!(
+                    "{} of {} sub-points each",
+                    self.model.points.points.len(),
+                    self.model.points.neighbours_per_point()
+                ),
+            ),
             fact("conditions", format!("{} to train, {} held out", own.dataset.training, own.dataset.held_out().len())),
             fact("paths per texel", self.bake.paths.to_string()),
             fact("noise of the bake", format!("{:.1} % (part of every error below)", 100.0 * record.held_out.noise)),
@@ -240,7 +253,8 @@ impl Inputs<'_> {
         let model = self.model;
         let view = View::new(model.asset.cameras[0].clone(), PICTURE.0, PICTURE.1);
         let table = LightTable::new(&condition.lights);
-        let settings = ReferenceSettings { samples: REFERENCE_PATHS, max_bounces: self.bake.max_bounces, seed: self.bake.seed };
+        let settings =
+            ReferenceSettings { samples: REFERENCE_PATHS, max_bounces: self.bake.max_bounces, seed: self.bake.seed };
         let reference = Reference::trace(self.tracer, &view, &condition.lights, &settings, progress)?;
         let direct = render(self.tracer, &view, &table, Shown::Direct, &|_| Rgb::ZERO)?;
         let x = model.points.direct(self.tracer, &table);
@@ -260,7 +274,8 @@ impl Inputs<'_> {
         // Indirect light alone is darker: all its pictures are shown one stop brighter.
         let picture = |p: &Picture, caption: String| figures::render(p, exposure, caption);
         let dim = |p: &Picture, caption: String| figures::render(p, 2.0 * exposure, caption);
-        let error = |p: &Picture| figures::error(p, &reference.indirect, &truth, FULL_SCALE, "error of the indirect light");
+        let error =
+            |p: &Picture| figures::error(p, &reference.indirect, &truth, FULL_SCALE, "error of the indirect light");
         let n = model.transfer.elements;
         let prt = format!("order {SHOWN_ORDER}");
         Ok(vec![
@@ -286,7 +301,13 @@ impl Inputs<'_> {
         let view = View::new(self.model.asset.cameras[0].clone(), 560, 440);
         let images = vec![
             figures::points(self.tracer, &view, points, false, format!("{} measurement points", points.points.len()))?,
-            figures::points(self.tracer, &view, points, true, format!("{} sub-points in the colours of their points", points.sub_points.len()))?,
+            figures::points(
+                self.tracer,
+                &view,
+                points,
+                true,
+                format!("{} sub-points in the colours of their points", points.sub_points.len()),
+            )?,
         ];
         Ok(Plate {
             title: "Measurement points".into(),
@@ -350,7 +371,9 @@ fn error_series(rows: &[Row], scenario: &str) -> Vec<Series> {
 }
 
 fn csv(rows: &[Row]) -> String {
-    let mut out = String::from("scenario,method,lambda_choice,lambda,coefficients,points,mean,median,worst,oracle_mean,total_mean\n");
+    let mut out = String::from(
+        "scenario,method,lambda_choice,lambda,coefficients,points,mean,median,worst,oracle_mean,total_mean\n",
+    );
     for r in rows {
         let number = |v: Option<f64>| v.map_or(String::new(), |v| v.to_string());
         out += &format!(

@@ -5,9 +5,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::dataset::Dataset;
-use crate::model::Channels;
 use crate::light::LightingCondition;
 use crate::math::Rgb;
+use crate::model::Channels;
 use crate::prt::{ShPrt, light_coefficients};
 use crate::transfer::error::mean_median_worst;
 use crate::transfer::{Fit, Gram, HeldOutErrors, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings, TransferError};
@@ -85,8 +85,7 @@ impl Comparison<'_> {
         let summary = errors.summary();
         let shares = self.indirect_shares();
         let lit = self.dataset.held_out().filter(|&h| self.gram.is_lit(h));
-        let total: Vec<f64> =
-            lit.zip(&errors.transfer).map(|(h, e)| e * shares[h - self.dataset.training]).collect();
+        let total: Vec<f64> = lit.zip(&errors.transfer).map(|(h, e)| e * shares[h - self.dataset.training]).collect();
         Row {
             method,
             coefficients: fit.settings.elements,
@@ -105,9 +104,7 @@ impl Comparison<'_> {
     /// Classical SH PRT at every order; `centre` is where local lights are seen from.
     pub fn classical(&self, prt: &ShPrt, method: &'static str, centre: Vec3) -> Vec<Row> {
         let held_out: Vec<&LightingCondition> = self.dataset.held_out().map(|h| &self.dataset.conditions[h]).collect();
-        let lit: Vec<usize> = (0..held_out.len())
-            .filter(|h| self.gram.is_lit(self.dataset.training + h))
-            .collect();
+        let lit: Vec<usize> = (0..held_out.len()).filter(|h| self.gram.is_lit(self.dataset.training + h)).collect();
         ORDERS
             .iter()
             .filter(|&&order| order <= prt.order)

@@ -88,7 +88,8 @@ pub fn signed_lightmap(lightmap: &Lightmap, values: &[f32], caption: impl Into<S
 
 /// Blue for −1, white for 0, red for 1 (the ends of ColorBrewer's RdBu, safe for colour-blind readers).
 fn diverging(value: f32) -> [u8; 3] {
-    let (end, t) = if value < 0.0 { (Vec3::new(33.0, 102.0, 172.0), -value) } else { (Vec3::new(178.0, 24.0, 43.0), value) };
+    let (end, t) =
+        if value < 0.0 { (Vec3::new(33.0, 102.0, 172.0), -value) } else { (Vec3::new(178.0, 24.0, 43.0), value) };
     // Square root, so that small values are seen.
     Vec3::splat(255.0).lerp(end, t.clamp(0.0, 1.0).sqrt()).to_array().map(|c| c as u8)
 }
@@ -158,6 +159,6 @@ fn owners(points: &MeasurementPoints) -> Vec<Option<u32>> {
 fn palette(index: u32) -> Rgb {
     let hue = (index as f32 * 0.618_034).fract() * 6.0;
     let ramp = |offset: f32| (((hue + offset) % 6.0 - 3.0).abs() - 1.0).clamp(0.0, 1.0);
-    let strength = if index % 2 == 0 { 0.95 } else { 0.7 };
+    let strength = if index.is_multiple_of(2) { 0.95 } else { 0.7 };
     Vec3::new(ramp(0.0), ramp(4.0), ramp(2.0)) * strength * 0.85 + 0.05
 }

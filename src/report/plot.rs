@@ -35,9 +35,7 @@ pub fn line_plot(x_label: &str, y_label: &str, log_y: bool, percent: bool, serie
     let usable = |y: f64| y.is_finite() && (!log_y || y > 0.0);
     let points = || series.iter().flat_map(|s| &s.points).filter(|(_, y)| usable(*y));
     let bounds = |values: &mut dyn Iterator<Item = f64>| {
-        finite(values.fold(None, |range, v| {
-            Some(range.map_or(v..v, |r: Range<f64>| r.start.min(v)..r.end.max(v)))
-        }))
+        finite(values.fold(None, |range, v| Some(range.map_or(v..v, |r: Range<f64>| r.start.min(v)..r.end.max(v)))))
     };
     let mut svg = String::new();
     let (Some(x), Some(y)) = (bounds(&mut points().map(|p| p.0)), bounds(&mut points().map(|p| p.1))) else {
@@ -110,9 +108,7 @@ where
                 .label(&s.label)
                 .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 20, y)], style));
             if s.points.len() < 24 {
-                chart
-                    .draw_series(s.points.iter().map(|&p| Circle::new(p, 3, colour.filled())))
-                    .map_err(error)?;
+                chart.draw_series(s.points.iter().map(|&p| Circle::new(p, 3, colour.filled()))).map_err(error)?;
             }
         }
     }

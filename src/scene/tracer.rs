@@ -300,9 +300,12 @@ pub fn mask_of(lanes: &[bool; LANES]) -> u32 {
     // Eight bytes that are 0 or 1, times this, have their bits side by side in the top byte.
     const GATHER: u64 = 0x0102_0408_1020_4080;
     let bytes = lanes.map(|lane| lane as u8);
-    bytes.as_chunks::<8>().0.iter().enumerate().fold(0, |mask, (i, &eight)| {
-        mask | ((u64::from_le_bytes(eight).wrapping_mul(GATHER) >> 56) as u32) << (8 * i)
-    })
+    bytes
+        .as_chunks::<8>()
+        .0
+        .iter()
+        .enumerate()
+        .fold(0, |mask, (i, &eight)| mask | ((u64::from_le_bytes(eight).wrapping_mul(GATHER) >> 56) as u32) << (8 * i))
 }
 
 /// Shadow rays from one point, LANES at a time.

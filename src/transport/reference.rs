@@ -51,7 +51,8 @@ impl Reference {
     ) -> Result<Self, ReferenceError> {
         let pinhole = view.pinhole()?;
         let table = LightTable::new(lights);
-        let emission_scale: f32 = lights.iter().map(|l| if let Light::Emissive { scale } = l { *scale } else { 0.0 }).sum();
+        let emission_scale: f32 =
+            lights.iter().map(|l| if let Light::Emissive { scale } = l { *scale } else { 0.0 }).sum();
         let emitters = if emission_scale != 0.0 { Emitters::new(tracer.asset()) } else { None };
         let walk = Walk { tracer, emitters: emitters.as_ref(), max_bounces: settings.max_bounces };
         let width = view.width as usize;
