@@ -116,16 +116,17 @@ impl Fit {
             })
             .collect();
 
-        // Vector v = group · n + k. Its weight divides both its direct vector and its lightmap.
-        let weight = |group: usize, k: usize| match method {
-            Method::Linear => 1.0 / gram.squared_norm(kept[k]).sqrt(),
-            Method::Belcour => {
-                let norm = direct[group].col(k).norm_l2();
-                // A channel without light has no pair to learn from.
-                if norm > 0.0 { 1.0 / norm } else { 0.0 }
+        // Vector v = group · n + k. Its weight multiplies both its direct vector and its lightmap.
+        let norms: Vec<f64> =
+            (0..groups.len() * n).map(|v| direct[v / n].col(v % n).norm_l2()).collect();
+        let weights: Vec<f64> = match method {
+            Method::Linear => {
+                let of_condition = relative_weights(&kept, gram, &norms);
+                (0..norms.len()).map(|v| of_condition[v % n]).collect()
             }
+            // A channel without light has no pair to learn from.
+            Method::Belcour => norms.iter().map(|&norm| if norm > 0.0 { 1.0 / norm } else { 0.0 }).collect(),
         };
-        let weights: Vec<f64> = (0..groups.len() * n).map(|v| weight(v / n, v % n)).collect();
         let used = weights.iter().filter(|&&w| w > 0.0).count();
 
         // Columns of `centring` map weighted vectors to the vectors that the SVD is taken of: I, or I − 1 1ᵀ/N where the mean
@@ -282,6 +283,22 @@ impl Fit {
         let stride = elements * components;
         (0..stride).flat_map(|e| (0..texels).map(move |t| t * stride + e)).map(|i| by_texel[i]).collect()
     }
+}
+
+/// How far above the median a condition's weighted direct vector may be.
+const MOST_LEVERAGE: f64 = 8.0;
+
+/// Weights 1/‖i‖, so that the fit minimises the relative error, but bounded: a condition that lights the points well and the
+/// lightmap hardly at all (a sun on a roof) would otherwise outweigh all others together. `norms` are those of the direct
+/// vectors, `[group][condition]`.
+fn relative_weights(kept: &[usize], gram: &Gram, norms: &[f64]) -> Vec<f64> {
+    let n = kept.len();
+    let direct_norm = |k: usize| (0..norms.len() / n).map(|g| norms[g * n + k].powi(2)).sum::<f64>().sqrt();
+    let relative: Vec<f64> = kept.iter().map(|&condition| 1.0 / gram.squared_norm(condition).sqrt()).collect();
+    let mut leverages: Vec<f64> = (0..n).map(|k| relative[k] * direct_norm(k)).collect();
+    leverages.sort_by(f64::total_cmp);
+    let most = MOST_LEVERAGE * leverages[n / 2];
+    (0..n).map(|k| relative[k].min(most / direct_norm(k))).collect()
 }
 
 /// Gram matrix after the mean of the vectors (those with a share) is subtracted from each of them: J G Jᵀ with J = 1 − 1 shareᵀ.

@@ -16,12 +16,15 @@ pub struct Gram {
     pub products: Mat<f64>,
     /// N, held-out conditions included.
     pub conditions: usize,
-    /// Largest squared norm of a condition's lightmap.
-    brightest: f64,
+    /// Squared norm under which a condition counts as dark.
+    dark: f64,
 }
 
-/// Norm of a lightmap, relative to the brightest, under which a condition counts as dark.
-const DARK: f64 = 1e-4;
+/// Norm of a lightmap, relative to the median one, under which a condition counts as dark.
+const DARK: f64 = 0.01;
+
+/// Norm, relative to the brightest, of light that only comes through cracks; it has no part in the median.
+const CRACK: f64 = 1e-4;
 
 /// Texels converted to f64 at a time: 256 rows of 1,000 vectors fill 2 MB, the second-level cache.
 const ROWS: usize = 256;
@@ -75,8 +78,12 @@ impl Gram {
         if !products.is_all_finite() {
             return Err(TransferError::NotFinite { what: "indirect light" });
         }
-        let mut gram = Self { products, conditions: n, brightest: 0.0 };
-        gram.brightest = (0..n).map(|c| gram.squared_norm(c)).fold(0.0, f64::max);
+        let mut gram = Self { products, conditions: n, dark: 0.0 };
+        let mut norms: Vec<f64> = (0..n).map(|c| gram.squared_norm(c)).collect();
+        let brightest = norms.iter().copied().fold(0.0, f64::max);
+        norms.retain(|&norm| norm > brightest * CRACK * CRACK);
+        norms.sort_by(f64::total_cmp);
+        gram.dark = norms.get(norms.len() / 2).map_or(0.0, |median| median * DARK * DARK);
         Ok(gram)
     }
 
@@ -85,10 +92,10 @@ impl Gram {
         self.products[(a.0 * self.conditions + a.1, b.0 * self.conditions + b.1)]
     }
 
-    /// Whether a condition lights the asset at all: its lightmap is not under [`DARK`] of the brightest one. What is darker
-    /// came through cracks, and a relative error on it says nothing.
+    /// Whether a condition lights the asset indirectly: its lightmap is not under a hundredth of the median one. What is
+    /// darker, such as a sun that a roof keeps out, is not worth a basis element, and a relative error on it says nothing.
     pub fn is_lit(&self, condition: usize) -> bool {
-        self.squared_norm(condition) > self.brightest * DARK * DARK
+        self.squared_norm(condition) > self.dark
     }
 
     /// Squared norm of a condition's lightmap, all channels together.
