@@ -6,10 +6,12 @@ use std::time::Instant;
 use clap::Args;
 use serde_json::json;
 
-use super::pipeline::{Trained, prepare};
+use super::pipeline::{Prepared, Trained, prepare};
 use super::reporter::peak_bytes;
 use super::settings::Overrides;
 use super::{Failure, Reporter};
+use crate::report::figures as pictures;
+use crate::scene::Tracer;
 use crate::scene_file::SceneFile;
 
 /// Train a transfer for an asset
@@ -20,6 +22,9 @@ pub struct Train {
     /// Where the model goes [default: out/NAME.relight]
     #[arg(short, long, value_name = "MODEL")]
     pub output: Option<PathBuf>,
+    /// Write pictures of the measurement points and of the first basis elements to this folder
+    #[arg(long, value_name = "DIR")]
+    pub debug_images: Option<PathBuf>,
     #[command(flatten)]
     pub overrides: Overrides,
 }
@@ -36,10 +41,27 @@ impl Train {
         let output = self.output.clone().unwrap_or_else(|| default_output(&prepared.asset.name));
         let trained = prepared.train(reporter)?;
         let bytes = trained.model.save(&output)?;
+        if let Some(folder) = &self.debug_images {
+            write_debug_images(folder, &prepared, &trained)?;
+        }
         let figures = figures(&trained, bytes, start.elapsed().as_secs_f64());
         print_summary(&trained, &output, bytes);
         super::write_json(json, &figures)
     }
+}
+
+/// Pictures of the points (paper, Figure 4) and of the basis.
+fn write_debug_images(folder: &Path, prepared: &Prepared, trained: &Trained) -> Result<(), Failure> {
+    let tracer = Tracer::new(&prepared.asset);
+    let points = pictures::point_images(&tracer, &trained.model.points)?;
+    for (name, image) in ["points", "sub-points"].iter().zip(points) {
+        super::write_file(&folder.join(format!("{name}.png")), &image.png)?;
+    }
+    for (j, image) in pictures::basis_images(&prepared.lightmap, &trained.fit, &trained.dataset).iter().enumerate() {
+        super::write_file(&folder.join(format!("basis-{:02}.png", j + 1)), &image.png)?;
+    }
+    println!("wrote pictures of the points and the basis to {}", folder.display());
+    Ok(())
 }
 
 /// `out/NAME.relight`.

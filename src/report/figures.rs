@@ -5,12 +5,14 @@ use image::ImageEncoder;
 use rayon::prelude::*;
 
 use super::page::Image;
+use crate::dataset::Dataset;
 use crate::math::Rgb;
 use crate::math::colour::{false_colour, luminance};
 use crate::measure::{MeasurementPoint, MeasurementPoints};
 use crate::model::render::first_visible;
 use crate::model::{Picture, View, ViewError};
 use crate::scene::{Lightmap, Tracer};
+use crate::transfer::Fit;
 
 /// Encodes 8-bit RGB pixels as PNG.
 pub fn png(pixels: &[[u8; 3]], width: u32, height: u32) -> Vec<u8> {
@@ -92,6 +94,29 @@ fn diverging(value: f32) -> [u8; 3] {
         if value < 0.0 { (Vec3::new(33.0, 102.0, 172.0), -value) } else { (Vec3::new(178.0, 24.0, 43.0), value) };
     // Square root, so that small values are seen.
     Vec3::splat(255.0).lerp(end, t.clamp(0.0, 1.0).sqrt()).to_array().map(|c| c as u8)
+}
+
+/// The first eight basis elements as lightmaps; of a coloured basis the green part.
+pub fn basis_images(lightmap: &Lightmap, fit: &Fit, dataset: &Dataset) -> Vec<Image> {
+    let (values, transfer) = fit.expand(dataset);
+    let plane = dataset.texels();
+    let components = values.len() / (plane * transfer.elements).max(1);
+    (0..transfer.elements.min(8))
+        .map(|j| {
+            let at = (j * components + components / 2) * plane;
+            signed_lightmap(lightmap, &values[at..at + plane], format!("element {}", j + 1))
+        })
+        .collect()
+}
+
+/// Both pictures of Figure 4: the points, and their sub-points, seen by the asset's first camera.
+pub fn point_images(tracer: &Tracer, points: &MeasurementPoints) -> Result<Vec<Image>, ViewError> {
+    let view = View::new(tracer.asset().cameras[0].clone(), 560, 440);
+    let sub_points = format!("{} sub-points in the colours of their points", points.sub_points.len());
+    Ok(vec![
+        self::points(tracer, &view, points, false, format!("{} measurement points", points.points.len()))?,
+        self::points(tracer, &view, points, true, sub_points)?,
+    ])
 }
 
 /// The measurement points (paper, Figure 4): the points on the asset, or its sub-points in the colours of the points that
