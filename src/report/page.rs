@@ -74,7 +74,8 @@ impl Page {
                         "Relative RMSE of indirect irradiance over the lightmap (area weighted), mean over held-out conditions. Grey: the "
                         "oracle, the truth projected on the same basis, which no transfer can better. "
                         i { "Total" } " compares direct and indirect light together: the data-driven methods take direct light from the "
-                        "renderer as it is, SH PRT reconstructs it, too."
+                        "renderer as it is, SH PRT reconstructs it, too. SH PRT knows distant light only: a light near the asset is "
+                        "projected as it is seen from the asset's centre, which is where the classical method ends."
                     }
                     @for scenario in scenarios { (table(scenario, &self.rows)) }
                     h2 { "Plots" }

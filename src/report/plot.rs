@@ -27,7 +27,7 @@ const PALETTE: [RGBColor; 8] = [
 ];
 
 const SIZE: (u32, u32) = (760, 460);
-const TEXT: u32 = 17;
+const TEXT: u32 = 20;
 
 /// A plot of `series` with a logarithmic x axis; y logarithmic, too, if `log_y`. Labels name the axes with their units.
 pub fn line_plot(x_label: &str, y_label: &str, log_y: bool, percent: bool, series: &[Series]) -> String {
@@ -46,7 +46,7 @@ pub fn line_plot(x_label: &str, y_label: &str, log_y: bool, percent: bool, serie
         // The backend writes to memory, which does not fail.
         let x = x.start / 1.12..x.end * 1.12;
         let drawn = if log_y {
-            draw(&root, x.log_scale(), (y.start / 1.3..y.end * 1.3).log_scale(), x_label, y_label, percent, series)
+            draw(&root, x.log_scale(), (labelled(y.start / 1.3)..y.end * 1.3).log_scale(), x_label, y_label, percent, series)
         } else {
             draw(&root, x.log_scale(), 0.0..y.end * 1.08, x_label, y_label, percent, series)
         };
@@ -54,6 +54,12 @@ pub fn line_plot(x_label: &str, y_label: &str, log_y: bool, percent: bool, serie
     }
     // Scales with the page, and takes its text from the page's fonts.
     svg.replacen("<svg ", "<svg class=\"plot\" ", 1)
+}
+
+/// A lower end of a logarithmic axis that reaches down to a decade where one is near, so that it is labelled.
+fn labelled(low: f64) -> f64 {
+    let decade = 10f64.powf(low.log10().floor());
+    if low < 2.5 * decade { decade * 0.97 } else { low }
 }
 
 fn draw<X, Y>(
@@ -75,8 +81,8 @@ where
     root.fill(&WHITE).map_err(error)?;
     let mut chart = ChartBuilder::on(root)
         .margin(14)
-        .x_label_area_size(52)
-        .y_label_area_size(72)
+        .x_label_area_size(58)
+        .y_label_area_size(84)
         .build_cartesian_2d(x, y)
         .map_err(error)?;
     chart
@@ -114,7 +120,7 @@ where
     }
     chart
         .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
+        .position(SeriesLabelPosition::LowerLeft)
         .background_style(WHITE.mix(0.85))
         .border_style(BLACK.mix(0.2))
         .label_font(("sans-serif", TEXT - 3))
