@@ -204,6 +204,10 @@ impl SceneFile {
         if let Some(camera) = &self.camera {
             camera.check().map_err(|why| error(format!("camera: {why}")))?;
         }
+        // The model carries its settings as TOML, which is UTF-8.
+        if let Some(path) = self.asset.path.as_deref().filter(|path| path.to_str().is_none()) {
+            return Err(error(format!("the asset's path {} is not UTF-8; rename the file", path.display())));
+        }
         // A bake that cannot fit is refused before it starts.
         let texels = (self.lightmap.size as u64).pow(2);
         let bytes = texels * 3 * (self.bake.conditions + self.bake.held_out) as u64 * 4;

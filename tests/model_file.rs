@@ -203,7 +203,7 @@ fn each_broken_rule_has_its_message() {
         ("tensor transfer or basis is not finite", |p, _| p.put("basis", &f16::NAN.to_le_bytes())),
         ("tensor mesh.positions is not finite", |p, nan| p.put("mesh.positions", &nan)),
         ("tensor sub_points.albedo is not finite", |p, nan| p.put("sub_points.albedo", &nan)),
-        ("tensor basis is F16 [4, 1, 8, 128], expected square layers", |p, _| {
+        ("tensor basis is [4, 1, 8, 128], expected square layers", |p, _| {
             let shape = &mut p.tensor("basis").2;
             let side = shape[2];
             *shape = vec![4, 1, 8, side * side / 8];

@@ -50,7 +50,7 @@ fn defaults_are_what_the_documented_scene_says() {
     assert_eq!(cornell.points, default.points);
     assert_eq!(cornell.bake, default.bake);
     assert_eq!(cornell.train, default.train);
-    let (own, usual) = (cornell.scenario, default.scenario);
+    let (own, usual) = (&cornell.scenario, &default.scenario);
     assert_eq!((own.lights_per_condition, own.kinds, own.aim), (usual.lights_per_condition, usual.kinds, usual.aim));
     assert_eq!((own.sky, own.inner_cone, own.color), (usual.sky, usual.inner_cone, usual.color));
     assert_eq!(toml::from_str::<SceneFile>("").unwrap(), default);
