@@ -6,32 +6,36 @@
 //! | room | holds |
 //! |---|---|
 //! | [`math`] | frames, sampling warps beside their pdfs, the sample generator, spherical harmonics, colour |
+//! | [`files`] | writing files whole or not at all |
+//! | [`progress`] | how long work tells how far it is, and learns that it should stop |
 //! | [`scene`] | asset import, materials, ray tracing, lightmap charts and texels |
 //! | [`light`] | light kinds, the lighting condition, scenarios |
 //! | [`measure`] | measurement points, their sub-points, the direct vector x |
+//! | [`model`] | the trained model, its file, relighting on the CPU |
+//! | [`gpu`] | the wgpu run time |
 //! | [`transport`] | the path tracer: light of N conditions along shared paths |
 //! | [`dataset`] | the matrices D and I, and the held-out set |
 //! | [`transfer`] | basis and transfer matrix from a dataset, choice of λ |
-//! | [`model`] | the trained model, its file, relighting on the CPU |
+//! | [`scene_file`] | the settings of a training run |
 //! | [`prt`] | classical SH PRT, to compare with |
-//! | [`gpu`] | the wgpu run time |
 //! | [`report`] | errors, plots, the HTML page |
 //! | [`cli`] | one file per command |
 //!
 //! `docs/METHOD.md` has the notation and the numbered equations that comments cite.
 
-pub mod cli;
-pub mod dataset;
-pub mod files;
-pub mod gpu;
-pub mod light;
+// In the order of the table.
 pub mod math;
+pub mod files;
+pub mod progress;
+pub mod scene;
+pub mod light;
 pub mod measure;
 pub mod model;
-pub mod progress;
+pub mod gpu;
+pub mod transport;
+pub mod dataset;
+pub mod transfer;
+pub mod scene_file;
 pub mod prt;
 pub mod report;
-pub mod scene;
-pub mod scene_file;
-pub mod transfer;
-pub mod transport;
+pub mod cli;

@@ -18,10 +18,10 @@ pub enum SceneFileError {
     Parse { path: PathBuf, message: String },
     #[error("{place}: {message}")]
     Setting { place: String, message: String },
-    #[error("scene file: generator \"{0}\" is not known; there are cornell, interior and statue")]
-    UnknownGenerator(String),
-    #[error("scene file: [asset] needs either `path` or `generator`")]
-    NoAsset,
+    #[error("{place}: generator \"{name}\" is not known; there are {}", generate::NAMES.join(", "))]
+    UnknownGenerator { place: String, name: String },
+    #[error("{place}: [asset] needs either `path` or `generator`")]
+    NoAsset { place: String },
     #[error(transparent)]
     Asset(#[from] SceneError),
 }
@@ -204,6 +204,10 @@ impl SceneFile {
         if let Some(camera) = &self.camera {
             camera.check().map_err(|why| error(format!("camera: {why}")))?;
         }
+        // The model carries its settings as TOML, which is UTF-8.
+        if let Some(path) = self.asset.path.as_deref().filter(|path| path.to_str().is_none()) {
+            return Err(error(format!("the asset's path {} is not UTF-8; rename the file", path.display())));
+        }
         // A bake that cannot fit is refused before it starts.
         let texels = (self.lightmap.size as u64).pow(2);
         let bytes = texels * 3 * (self.bake.conditions + self.bake.held_out) as u64 * 4;
@@ -218,12 +222,14 @@ impl SceneFile {
         Ok(())
     }
 
-    /// Loads or generates the asset, with the scene's material policy and camera applied.
-    pub fn load_asset(&self) -> Result<Asset, SceneFileError> {
+    /// Loads or generates the asset, with the scene's material policy and camera applied. `place` names the settings in an
+    /// error.
+    pub fn load_asset(&self, place: &str) -> Result<Asset, SceneFileError> {
         let mut asset = match (&self.asset.path, &self.asset.generator) {
             (Some(path), None) => load(path)?,
-            (None, Some(name)) => generate(name).ok_or_else(|| SceneFileError::UnknownGenerator(name.clone()))?,
-            _ => return Err(SceneFileError::NoAsset),
+            (None, Some(name)) => generate::generate(name)
+                .ok_or_else(|| SceneFileError::UnknownGenerator { place: place.to_owned(), name: name.clone() })?,
+            _ => return Err(SceneFileError::NoAsset { place: place.to_owned() }),
         };
         if self.asset.materials == MaterialPolicy::Lambert {
             asset.make_lambert();
@@ -242,7 +248,7 @@ impl SceneFile {
 const MOST_BYTES: u64 = 64 << 30;
 
 /// A TOML error in one line, with the line's number.
-fn one_line(text: &str, error: &toml::de::Error) -> String {
+pub fn one_line(text: &str, error: &toml::de::Error) -> String {
     let line = error.span().map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
     let message = error.message().replace('\n', " ");
     line.map_or(message.clone(), |line| format!("line {line}: {message}"))

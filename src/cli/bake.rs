@@ -38,8 +38,9 @@ impl Bake {
             return Err(Failure::Input(format!("{}: lightmaps are written as .exr", self.output.display())));
         }
         let mut scene = SceneFile::read(&self.scene)?;
-        self.overrides.apply(&mut scene, &self.scene.display().to_string())?;
-        let prepared = prepare(scene, reporter)?;
+        let place = self.scene.display().to_string();
+        self.overrides.apply(&mut scene, &place)?;
+        let prepared = prepare(scene, &place, reporter)?;
         let conditions = [LightingCondition { lights: lights(&self.lights, &prepared.asset)? }];
         let tracer = Tracer::new(&prepared.asset);
         let settings = prepared.bake_settings();

@@ -26,7 +26,13 @@ pub struct Compare {
     /// The folder for report.html, errors.csv, comparison.json and images
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
+    /// Paths per pixel of the reference pictures
+    #[arg(long, default_value_t = REFERENCE_PATHS, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub reference_paths: u32,
 }
+
+/// At this many paths a pixel the reference's noise hardly shows in a picture.
+pub const REFERENCE_PATHS: u32 = 48;
 
 /// Share of directional conditions that must light the asset for the distant scenario to be compared, too.
 const LEAST_LIT: f64 = 0.25;
@@ -45,7 +51,7 @@ impl Compare {
                 100.0 * model.record.held_out.mean
             ));
         }
-        compare(&prepared, &trained, &self.output, json, reporter)
+        compare(&prepared, &trained, &self.output, self.reference_paths, json, reporter)
     }
 }
 
@@ -54,6 +60,7 @@ pub fn compare(
     prepared: &Prepared,
     trained: &Trained,
     folder: &Path,
+    reference_paths: u32,
     json: Option<&Path>,
     reporter: &Reporter,
 ) -> Result<(), Failure> {
@@ -70,6 +77,7 @@ pub fn compare(
         lightmap: &prepared.lightmap,
         bake: prepared.bake_settings(),
         lambda: prepared.scene.train.lambda,
+        reference_paths,
         fit: &trained.fit,
         scenarios,
     };

@@ -20,8 +20,11 @@ pub struct Info {
 impl Info {
     pub fn run(&self, json: Option<&Path>, _: &Reporter) -> Result<(), Failure> {
         let is_model = self.file.extension().is_some_and(|e| e.eq_ignore_ascii_case("relight"));
-        let facts =
-            if is_model { model_facts(&Model::load(&self.file)?) } else { scene_facts(&SceneFile::read(&self.file)?)? };
+        let facts = if is_model {
+            model_facts(&Model::load(&self.file)?)
+        } else {
+            scene_facts(&SceneFile::read(&self.file)?, &self.file.display().to_string())?
+        };
         print_facts(&facts, 0);
         super::write_json(json, &facts)
     }
@@ -56,9 +59,9 @@ fn model_facts(model: &Model) -> Value {
     })
 }
 
-fn scene_facts(scene: &SceneFile) -> Result<Value, Failure> {
-    scene.check("scene")?;
-    let mut asset = scene.load_asset()?;
+fn scene_facts(scene: &SceneFile, place: &str) -> Result<Value, Failure> {
+    scene.check(place)?;
+    let mut asset = scene.load_asset(place)?;
     let choice = lay_out(&mut asset, scene.lightmap.size, scene.lightmap.uv)?;
     let lightmap = Lightmap::new(&asset.mesh, scene.lightmap.size as usize);
     let size = lightmap.size;

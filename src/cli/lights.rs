@@ -8,6 +8,7 @@ use serde::de::DeserializeOwned;
 use super::Failure;
 use crate::light::{Light, LightingCondition};
 use crate::scene::{Asset, Camera};
+use crate::scene_file::one_line as toml_error_line;
 
 /// Help for `--light`.
 pub const LIGHT_HELP: &str = "A light, as TOML or JSON in the words of KHR_lights_punctual, e.g. \
@@ -58,7 +59,8 @@ fn from_file(path: &Path) -> Result<Vec<Light>, Failure> {
     let condition: LightingCondition = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
         serde_json::from_str(&text).map_err(|e| Failure::Input(format!("{}: {e}", path.display())))?
     } else {
-        toml::from_str(&text).map_err(|e| Failure::Input(format!("{}: {}", path.display(), one_line(e.message()))))?
+        toml::from_str(&text)
+            .map_err(|e| Failure::Input(format!("{}: {}", path.display(), toml_error_line(&text, &e))))?
     };
     Ok(condition.lights)
 }

@@ -33,9 +33,10 @@ pub struct Trained {
     pub train_seconds: f64,
 }
 
-/// Loads the asset and lays out its lightmap, telling what was chosen and what was repaired.
-pub fn prepare(scene: SceneFile, reporter: &Reporter) -> Result<Prepared, Failure> {
-    let mut asset = scene.load_asset()?;
+/// Loads the asset and lays out its lightmap, telling what was chosen and what was repaired. `place` names the settings in an
+/// error.
+pub fn prepare(scene: SceneFile, place: &str, reporter: &Reporter) -> Result<Prepared, Failure> {
+    let mut asset = scene.load_asset(place)?;
     let choice = lay_out(&mut asset, scene.lightmap.size, scene.lightmap.uv)?;
     for warning in &asset.warnings {
         reporter.note(&format!("warning: {}: {warning}", asset.name));

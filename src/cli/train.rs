@@ -37,7 +37,7 @@ impl Train {
             None => (SceneFile::cornell(), "cornell".to_owned()),
         };
         self.overrides.apply(&mut scene, &place)?;
-        let prepared = prepare(scene, reporter)?;
+        let prepared = prepare(scene, &place, reporter)?;
         let output = self.output.clone().unwrap_or_else(|| default_output(&prepared.asset.name));
         let trained = prepared.train(reporter)?;
         let bytes = trained.model.save(&output)?;

@@ -39,3 +39,80 @@ pub fn mix64(mut x: u64) -> u64 {
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ (x >> 31)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `count` samples of one dimension in one stream.
+    fn column(seed: u64, stream: u64, dimension: usize, count: u32) -> Vec<f32> {
+        let value = |sample| {
+            let mut sampler = Sampler::new(seed, stream, sample);
+            (0..dimension / 4).for_each(|_| _ = sampler.next_4d());
+            sampler.next_4d()[dimension % 4]
+        };
+        (0..count).map(value).collect()
+    }
+
+    /// Whether each of `values.len()` equal intervals holds exactly one of the values: a (0, m, 1)-net in base 2.
+    fn is_net(values: &[f32]) -> bool {
+        let mut cells = vec![0; values.len()];
+        values.iter().for_each(|&v| cells[(v * values.len() as f32) as usize] += 1);
+        cells.iter().all(|&n| n == 1)
+    }
+
+    /// Owen scrambling keeps what makes Sobol points good: each dimension of the first 2^m samples is a net.
+    #[test]
+    fn each_dimension_is_evenly_spread() {
+        // Beyond 256 sets of four, dimensions are padded; they are nets, too.
+        for dimension in (0..40).chain([1023, 1024, 1027, 2050]) {
+            for count in [1, 16, 256, 1024] {
+                let values = column(3, 17, dimension, count);
+                assert!(values.iter().all(|v| (0.0..1.0).contains(v)));
+                assert!(is_net(&values), "dimension {dimension}, {count} samples");
+            }
+        }
+        // Control: one value moved to where another one is.
+        let mut values = column(3, 17, 0, 256);
+        values[9] = values[8];
+        assert!(!is_net(&values));
+    }
+
+    #[test]
+    fn a_sample_is_a_function_of_seed_stream_and_number() {
+        let draw = |seed, stream, sample| Sampler::new(seed, stream, sample).next_4d();
+        assert_eq!(draw(1, 2, 3), draw(1, 2, 3));
+        for other in [draw(2, 2, 3), draw(1, 3, 3), draw(1, 2, 4), draw(1, 2, 3 + SAMPLES_PER_SCRAMBLE)] {
+            assert_ne!(draw(1, 2, 3), other);
+        }
+    }
+
+    /// Pearson's correlation of independent uniform samples has variance 1/n; the mean over m pairs of streams 1/(n m).
+    #[test]
+    fn streams_seeds_and_dimensions_are_independent() {
+        let correlation = |a: &[f32], b: &[f32]| {
+            let product = |(&a, &b): (&f32, &f32)| (a as f64 - 0.5) * (b as f64 - 0.5);
+            a.iter().zip(b).map(product).sum::<f64>() * 12.0 / a.len() as f64
+        };
+        const N: u32 = 64;
+        const PAIRS: u64 = 1000;
+        let mean_of = |pair: &dyn Fn(u64) -> (Vec<f32>, Vec<f32>)| {
+            (0..PAIRS).map(|k| pair(k)).map(|(a, b)| correlation(&a, &b)).sum::<f64>() / PAIRS as f64
+        };
+        // Stratified samples correlate no more than independent ones; four sigmas of these.
+        let tolerance = 4.0 / (N as f64 * PAIRS as f64).sqrt();
+        type Pair = dyn Fn(u64) -> (Vec<f32>, Vec<f32>);
+        let pairs: [(&str, &Pair); 4] = [
+            ("neighbouring streams", &|k| (column(1, k, 0, N), column(1, k + 1, 0, N))),
+            ("neighbouring seeds", &|k| (column(k, 5, 1, N), column(k + 1, 5, 1, N))),
+            ("dimensions of one set", &|k| (column(1, k, 0, N), column(1, k, 1, N))),
+            ("dimensions of two sets", &|k| (column(1, k, 2, N), column(1, k, 6, N))),
+        ];
+        for (what, pair) in pairs {
+            let mean = mean_of(pair);
+            assert!(mean.abs() < tolerance, "{what}: {mean}");
+        }
+        let control = mean_of(&|k| (column(1, k, 0, N), column(1, k, 0, N)));
+        assert!(control > 0.9, "a stream correlates with itself: {control}");
+    }
+}

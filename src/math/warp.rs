@@ -91,3 +91,152 @@ pub fn smith_g1(cos: f32, alpha: f32) -> f32 {
     let cos = cos.max(1e-6);
     2.0 * cos / (cos + (alpha * alpha + (1.0 - alpha * alpha) * cos * cos).sqrt())
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+
+    const ROWS: usize = 12;
+    const COLUMNS: usize = 16;
+    const SAMPLES: usize = 40_000;
+
+    /// χ² of samples binned over the unit square by `cell`, against the integral of `density` (over that square) in each bin;
+    /// and its degrees of freedom.
+    fn chi_squared(cell: impl Fn(Vec2) -> Vec2, density: impl Fn(Vec2) -> f64) -> (f64, f64) {
+        let mut rng = Pcg64::seed_from_u64(11);
+        let mut seen = vec![0.0; ROWS * COLUMNS];
+        for _ in 0..SAMPLES {
+            let p = cell(Vec2::new(rng.random(), rng.random()));
+            let (row, column) = ((p.x * ROWS as f32) as usize, (p.y * COLUMNS as f32) as usize);
+            seen[row.min(ROWS - 1) * COLUMNS + column.min(COLUMNS - 1)] += 1.0;
+        }
+        // Midpoint rule, 32 by 32 a bin.
+        const FINE: usize = 32;
+        let expected: Vec<f64> = (0..ROWS * COLUMNS)
+            .map(|bin| {
+                let (row, column) = (bin / COLUMNS, bin % COLUMNS);
+                let fine =
+                    |cell: usize, i: usize, cells: usize| (cell as f32 + (i as f32 + 0.5) / FINE as f32) / cells as f32;
+                let sum: f64 = (0..FINE * FINE)
+                    .map(|i| density(Vec2::new(fine(row, i / FINE, ROWS), fine(column, i % FINE, COLUMNS))))
+                    .sum();
+                sum / (ROWS * COLUMNS * FINE * FINE) as f64
+            })
+            .collect();
+        // The midpoint rule is off by half a percent for the narrowest lobe below.
+        let total: f64 = expected.iter().sum();
+        assert!((total - 1.0).abs() < 0.01, "the density integrates to {total}");
+        // Bins with fewer than five expected samples are pooled, as the χ² approximation asks.
+        let (mut statistic, mut bins, mut rest) = (0.0, 0.0, (0.0, 0.0));
+        for (&seen, expected) in seen.iter().zip(expected.iter().map(|p| p * SAMPLES as f64)) {
+            if expected < 5.0 {
+                rest = (rest.0 + seen, rest.1 + expected);
+            } else {
+                statistic += (seen - expected) * (seen - expected) / expected;
+                bins += 1.0;
+            }
+        }
+        if rest.1 >= 5.0 {
+            statistic += (rest.0 - rest.1) * (rest.0 - rest.1) / rest.1;
+            bins += 1.0;
+        } else {
+            // Hardly anything is expected there: more than ten samples have p < 0.02 at most, and mostly far less.
+            assert!(rest.0 <= 10.0 + rest.1, "{} samples where {} are expected", rest.0, rest.1);
+        }
+        (statistic, bins - 1.0)
+    }
+
+    /// χ² with k degrees of freedom is nearly normal with mean k and variance 2k: five sigmas above is a failure.
+    fn agrees((statistic, freedom): (f64, f64)) -> bool {
+        statistic < freedom + 5.0 * (2.0 * freedom).sqrt()
+    }
+
+    /// χ² of directions with density `pdf` per steradian, over ((1 + z)/2, φ/2π), in which solid angle is 4π times area.
+    fn chi_squared_of_directions(sample: impl Fn(Vec2) -> Vec3, pdf: impl Fn(Vec3) -> f32) -> (f64, f64) {
+        let cell = |u: Vec2| {
+            let d = sample(u);
+            assert!((d.length() - 1.0).abs() < 1e-5, "{d} is not unit");
+            Vec2::new(0.5 + 0.5 * d.z, (d.y.atan2(d.x) / TAU).rem_euclid(1.0))
+        };
+        let density = |p: Vec2| {
+            let (z, phi) = (2.0 * p.x - 1.0, TAU * p.y);
+            let r = (1.0 - z * z).max(0.0).sqrt();
+            4.0 * std::f64::consts::PI * pdf(Vec3::new(r * phi.cos(), r * phi.sin(), z)) as f64
+        };
+        chi_squared(cell, density)
+    }
+
+    #[test]
+    fn concentric_disk_is_uniform() {
+        let sampled = |u| {
+            let d = sample_concentric_disk(u);
+            Vec2::new(d.length_squared(), (d.y.atan2(d.x) / TAU).rem_euclid(1.0))
+        };
+        assert!(agrees(chi_squared(sampled, |_| 1.0)));
+        // Control: radii that are uniform instead of their squares.
+        let crowded = |u| sampled(u).with_x(sampled(u).x.sqrt());
+        assert!(!agrees(chi_squared(crowded, |_| 1.0)));
+        assert_eq!(sample_concentric_disk(Vec2::splat(0.5)), Vec2::ZERO);
+    }
+
+    #[test]
+    fn cosine_hemisphere_draws_with_its_density() {
+        let result = chi_squared_of_directions(sample_cosine_hemisphere, |d| pdf_cosine_hemisphere(d.z));
+        assert!(agrees(result), "{result:?}");
+        let uniform = |d: Vec3| if d.z > 0.0 { 1.0 / TAU } else { 0.0 };
+        assert!(!agrees(chi_squared_of_directions(sample_cosine_hemisphere, uniform)), "the control");
+    }
+
+    #[test]
+    fn uniform_sphere_draws_with_its_density() {
+        let result = chi_squared_of_directions(sample_uniform_sphere, |_| pdf_uniform_sphere());
+        assert!(agrees(result), "{result:?}");
+        assert!(!agrees(chi_squared_of_directions(|u| sample_uniform_cone(u, -0.8), |_| pdf_uniform_sphere())));
+    }
+
+    #[test]
+    fn uniform_cone_draws_with_its_density() {
+        // Cones that end at a bin's border, so that the midpoint rule integrates the step exactly.
+        for cos_max in [0.5, 0.0, -0.5, 2.0 / 3.0] {
+            let inside = |d: Vec3| if d.z > cos_max { pdf_uniform_cone(cos_max) } else { 0.0 };
+            let result = chi_squared_of_directions(|u| sample_uniform_cone(u, cos_max), inside);
+            assert!(agrees(result), "cos {cos_max}: {result:?}");
+        }
+        let other = |d: Vec3| if d.z > 0.5 { pdf_uniform_cone(0.5) } else { 0.0 };
+        assert!(!agrees(chi_squared_of_directions(|u| sample_uniform_cone(u, 2.0 / 3.0), other)), "the control");
+    }
+
+    /// Uniform in the triangle b + c < 1: with b, c the map (1 − (1 − b)², c/(1 − b)) is uniform on the square.
+    #[test]
+    fn uniform_triangle_is_uniform() {
+        let square = |b: Vec2| {
+            assert!(b.min_element() >= 0.0 && b.element_sum() <= 1.0 + 1e-6, "{b} is outside");
+            Vec2::new(1.0 - (1.0 - b.x).powi(2), b.y / (1.0 - b.x))
+        };
+        assert!(agrees(chi_squared(|u| square(sample_uniform_triangle(u)), |_| 1.0)));
+        // Control: scaling u instead of folding it crowds a corner.
+        let crowded = |u: Vec2| square(Vec2::new(u.x, u.y * (1.0 - u.x)));
+        assert!(!agrees(chi_squared(crowded, |_| 1.0)));
+    }
+
+    #[test]
+    fn ggx_visible_normals_draw_with_their_density() {
+        for alpha in [0.2, 0.5, 1.0] {
+            for cos in [1.0f32, 0.7, 0.2] {
+                let view = Vec3::new((1.0 - cos * cos).sqrt() * 0.8, (1.0 - cos * cos).sqrt() * -0.6, cos);
+                let pdf = |h: Vec3| if h.z > 0.0 { pdf_ggx_visible_normal(view, h, alpha) } else { 0.0 };
+                let result = chi_squared_of_directions(|u| sample_ggx_visible_normal(u, view, alpha), pdf);
+                assert!(agrees(result), "α {alpha}, cos {cos}: {result:?}");
+            }
+        }
+        let view = Vec3::new(0.6, 0.0, 0.8);
+        let rougher = |h: Vec3| if h.z > 0.0 { pdf_ggx_visible_normal(view, h, 0.6) } else { 0.0 };
+        assert!(
+            !agrees(chi_squared_of_directions(|u| sample_ggx_visible_normal(u, view, 0.5), rougher)),
+            "the control"
+        );
+    }
+}

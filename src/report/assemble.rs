@@ -27,9 +27,6 @@ const SHOWN_ORDER: usize = 4;
 /// Size of the pictures, pixels.
 const PICTURE: (u32, u32) = (320, 260);
 
-/// Paths per pixel of the reference pictures.
-const REFERENCE_PATHS: u32 = 48;
-
 /// Difference, relative to the picture's mean, at which false colour is brightest.
 const FULL_SCALE: f32 = 0.5;
 
@@ -80,6 +77,8 @@ pub struct Inputs<'a> {
     pub bake: BakeSettings,
     /// λ given by the user, relative.
     pub lambda: Option<f64>,
+    /// Paths per pixel of the reference pictures.
+    pub reference_paths: u32,
     /// The model's fit.
     pub fit: &'a Fit,
     /// The model's own scenario first.
@@ -223,8 +222,9 @@ impl Inputs<'_> {
             plates.push(Plate {
                 title: format!("Held-out light: {name}"),
                 note: format!(
-                    "Relative RMSE of the lightmap {:.1} %. Path traced with {REFERENCE_PATHS} paths a pixel. Error: difference over the mean of the reference, brightest at {:.0} %.",
+                    "Relative RMSE of the lightmap {:.1} %. Path traced with {} paths a pixel. Error: difference over the mean of the reference, brightest at {:.0} %.",
                     100.0 * errors.transfer[k],
+                    self.reference_paths,
                     100.0 * FULL_SCALE
                 ),
                 rows,
@@ -255,8 +255,11 @@ impl Inputs<'_> {
         let model = self.model;
         let view = View::new(model.asset.cameras[0].clone(), PICTURE.0, PICTURE.1);
         let table = LightTable::new(&condition.lights);
-        let settings =
-            ReferenceSettings { samples: REFERENCE_PATHS, max_bounces: self.bake.max_bounces, seed: self.bake.seed };
+        let settings = ReferenceSettings {
+            samples: self.reference_paths,
+            max_bounces: self.bake.max_bounces,
+            seed: self.bake.seed,
+        };
         let reference = Reference::trace(self.tracer, &view, &condition.lights, &settings, progress)?;
         let direct = render(self.tracer, &view, &table, Shown::Direct, &|_| Rgb::ZERO)?;
         let x = model.points.direct(self.tracer, &table);

@@ -39,6 +39,9 @@ pub enum BakeError {
     Cancelled,
 }
 
+/// Paths after which a stop is asked for: some milliseconds.
+pub(super) const PATHS_BETWEEN_CHECKS: u32 = 64;
+
 /// Texels handed to a thread at a time.
 const CHUNK: usize = 16;
 
@@ -75,14 +78,14 @@ pub fn bake(
                 let mut noise = Noise::new(n);
                 let rays_before = sums.rays();
                 for (i, out) in rows.chunks_mut(row).enumerate() {
-                    if progress.cancelled() {
-                        break;
-                    }
                     let texel = chunk * CHUNK + i;
                     let receivers = Receivers::new(tracer, lightmap, texel);
                     let index = lightmap.texels[texel].index as u64;
                     sums.clear();
                     for path in 0..settings.paths {
+                        if path % PATHS_BETWEEN_CHECKS == 0 && progress.cancelled() {
+                            return (noise, sums.rays() - rays_before);
+                        }
                         let mut sampler = Sampler::new(settings.seed, index, path);
                         let [u0, u1, u2, u3] = sampler.next_4d();
                         walk.from_receiver(&receivers.at([u0, u1]), Vec2::new(u2, u3), &mut sampler, sums);

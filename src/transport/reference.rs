@@ -3,6 +3,7 @@
 use glam::Vec2;
 use rayon::prelude::*;
 
+use super::bake::PATHS_BETWEEN_CHECKS;
 use super::conditions::LightSums;
 use super::{BakeError, Emitters, Walk};
 use crate::light::{Light, LightTable};
@@ -62,13 +63,13 @@ impl Reference {
             || (LightSums::new(&table, tracer), LightSums::new(&table, tracer)),
             |(direct, indirect), (y, row)| {
                 for (x, pixel) in row.iter_mut().enumerate() {
-                    if progress.cancelled() {
-                        return;
-                    }
                     direct.clear();
                     indirect.clear();
                     let mut emitted = Rgb::ZERO;
                     for sample in 0..settings.samples {
+                        if sample % PATHS_BETWEEN_CHECKS == 0 && progress.cancelled() {
+                            return;
+                        }
                         let mut sampler = Sampler::new(settings.seed, (y * width + x) as u64, sample);
                         let [u0, u1, ..] = sampler.next_4d();
                         let to_scene = pinhole.through(Vec2::new(x as f32 + u0, y as f32 + u1));

@@ -1,6 +1,8 @@
 //! A small model made by hand: a room with a box, a textured quad, an alpha-masked quad and a metallic one, a random basis and
 //! random matrices. What it reconstructs means nothing; every path of the shaders is taken.
 
+#![allow(dead_code)]
+
 use glam::{Mat3, Vec2, Vec3, Vec4};
 use half::f16;
 use rand::{Rng, RngExt, SeedableRng};

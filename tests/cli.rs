@@ -1,0 +1,560 @@
+//! Whole commands in a temporary folder: what they write, what they say, and how they end.
+
+mod common;
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::process::{Output, Stdio};
+use std::time::{Duration, Instant};
+
+use assert_cmd::Command;
+use common::{GltfBuilder, trial};
+use libtest_mimic::{Arguments, Failed, Trial};
+use relight::gpu::{Gpu, GpuError};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+/// Settings of a toy: a run takes a fraction of a second.
+const TINY: &str = "--size 16 --conditions 24 --held-out 8 --paths 4 --points 16 --basis 4";
+
+const POINT: &str = "{type=\"point\", position=[2.8,4,2], intensity=20}";
+
+fn main() {
+    let no_gpu = matches!(Gpu::new(), Err(GpuError::NoAdapter { .. }));
+    let gpu = || -> Result<(), Failed> {
+        render_on("GPU", &[]);
+        Ok(())
+    };
+    let trials = vec![
+        trial("train_writes_a_model_and_its_figures", train_writes_a_model_and_its_figures),
+        trial("train_takes_scene_files_and_assets", train_takes_scene_files_and_assets),
+        trial("compare_writes_its_report", compare_writes_its_report),
+        trial("render_on_the_cpu", || render_on("CPU", &["--cpu"])),
+        trial("render_a_reference", || render_on("path traced", &["--reference", "--paths", "2"])),
+        Trial::test("render_on_the_gpu", gpu).with_ignored_flag(no_gpu),
+        trial("lights_and_cameras_read_alike_in_every_form", lights_and_cameras_read_alike_in_every_form),
+        trial("bake_writes_both_layers", bake_writes_both_layers),
+        trial("info_knows_models_scenes_and_assets", info_knows_models_scenes_and_assets),
+        trial("bad_settings_are_said_in_one_line", bad_settings_are_said_in_one_line),
+        trial("bad_scene_files_are_said_in_one_line", bad_scene_files_are_said_in_one_line),
+        trial("bad_assets_are_said_in_one_line", bad_assets_are_said_in_one_line),
+        trial("bad_lights_and_cameras_are_said_in_one_line", bad_lights_and_cameras_are_said_in_one_line),
+        trial("damaged_models_are_said_in_one_line", damaged_models_are_said_in_one_line),
+        trial("results_that_cannot_be_written_are_said", results_that_cannot_be_written_are_said),
+        #[cfg(unix)]
+        trial("ctrl_c_stops_within_a_second_and_writes_nothing", ctrl_c_stops_within_a_second),
+    ];
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
+
+/// A temporary folder that commands run in.
+struct Work(TempDir);
+
+impl Work {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self, name: &str) -> std::path::PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn put(&self, name: &str, bytes: impl AsRef<[u8]>) -> &Self {
+        std::fs::write(self.path(name), bytes).unwrap();
+        self
+    }
+
+    /// Runs `relight` here. `words` are split at blanks, `more` are taken as they are.
+    fn run(&self, words: &str, more: &[&str]) -> Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
+        command.current_dir(self.0.path()).timeout(Duration::from_secs(120));
+        command.args(words.split_whitespace()).args(more).output().unwrap()
+    }
+
+    /// The same, which must succeed. Returns stdout.
+    fn succeeds(&self, words: &str, more: &[&str]) -> String {
+        let output = self.run(words, more);
+        assert!(output.status.success(), "{words} {more:?}: {}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    /// The same, which must end with `status`, one line of error that holds `expected`, and no file more than before.
+    fn fails(&self, status: i32, words: &str, more: &[&str], expected: &str) {
+        let before = self.files();
+        let output = self.run(words, more);
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        let call = format!("relight {words} {more:?}");
+        assert_eq!(output.status.code(), Some(status), "{call}: {stderr}");
+        // What was chosen and repaired on the way may stand before the error.
+        let known = ["lightmap: ", "warning: ", "bake ", "direct ", "gram "];
+        let lines: Vec<&str> = stderr.lines().filter(|line| !known.iter().any(|k| line.starts_with(k))).collect();
+        assert!(lines.len() == 1 && lines[0].starts_with("error: "), "{call}: {stderr}");
+        assert!(lines[0].contains(expected), "{call}\n  says {}\n  expected {expected}", lines[0]);
+        assert!(output.stdout.is_empty(), "{call} prints results");
+        assert_eq!(self.files(), before, "{call} leaves files behind");
+    }
+
+    /// Relative names of all files and folders here.
+    fn files(&self) -> BTreeSet<String> {
+        fn below(folder: &Path, root: &Path, names: &mut BTreeSet<String>) {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                names.insert(path.strip_prefix(root).unwrap().display().to_string());
+                if path.is_dir() {
+                    below(&path, root, names);
+                }
+            }
+        }
+        let mut names = BTreeSet::new();
+        below(self.0.path(), self.0.path(), &mut names);
+        names
+    }
+
+    fn json(&self, name: &str) -> Value {
+        serde_json::from_slice(&std::fs::read(self.path(name)).unwrap()).unwrap()
+    }
+
+    /// A tiny model of the Cornell box as `model.relight`.
+    fn with_model() -> Self {
+        let work = Self::new();
+        work.succeeds(&format!("train {TINY} -o model.relight"), &[]);
+        work
+    }
+}
+
+/// Two walls in a corner, the floor white and the wall red, with a point light above them and a camera.
+fn corner_glb() -> Vec<u8> {
+    let mut gltf = GltfBuilder::new();
+    let positions = gltf.floats(
+        "VEC3",
+        &[0., 0., 0., 0., 0., 2., 2., 0., 2., 2., 0., 0., 0., 0., 0., 2., 0., 0., 2., 2., 0., 0., 2., 0.],
+    );
+    gltf.attribute("POSITION", positions);
+    gltf.indices(&[0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7]);
+    gltf.json["meshes"][0]["primitives"][0]["material"] = 0.into();
+    gltf.json["materials"] =
+        json!([{ "name": "red", "pbrMetallicRoughness": { "baseColorFactor": [0.8, 0.2, 0.2, 1.0] } }]);
+    gltf.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [{ "type": "point", "intensity": 5.0 }] } });
+    gltf.json["cameras"] = json!([{ "type": "perspective", "perspective": { "yfov": 0.9, "znear": 0.1 } }]);
+    gltf.json["nodes"] = json!([
+        { "mesh": 0 },
+        { "translation": [1.0, 1.5, 1.0], "extensions": { "KHR_lights_punctual": { "light": 0 } } },
+        { "translation": [1.0, 1.0, 5.0], "camera": 0 },
+    ]);
+    gltf.json["scenes"] = json!([{ "nodes": [0, 1, 2] }]);
+    gltf.glb()
+}
+
+fn keys(value: &Value) -> BTreeSet<&str> {
+    value.as_object().unwrap().keys().map(String::as_str).collect()
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"))
+}
+
+/// The keys that other programs rely on; there may be more.
+fn has_keys(value: &Value, fixed: &[&str]) {
+    let missing: Vec<_> = fixed.iter().filter(|key| !keys(value).contains(*key)).collect();
+    assert!(missing.is_empty(), "{missing:?} missing in {value}");
+}
+
+fn check_train_figures(figures: &Value) {
+    has_keys(
+        figures,
+        &[
+            "method",
+            "basis",
+            "points",
+            "conditions",
+            "held_out",
+            "error",
+            "seconds",
+            "texels",
+            "paths_per_texel",
+            "peak_bytes",
+            "model_bytes",
+        ],
+    );
+    has_keys(&figures["error"], &["mean", "median", "worst", "oracle_mean"]);
+    has_keys(&figures["seconds"], &["bake", "train", "total"]);
+    for (key, value) in [("basis", 4), ("points", 16), ("conditions", 24), ("paths_per_texel", 4)] {
+        assert_eq!(figures[key], value, "{key}");
+    }
+    // Held-out conditions that light nothing have no relative error and do not count.
+    assert!((1.0..=8.0).contains(&number(&figures["held_out"])), "{figures}");
+    assert_eq!(figures["method"], "linear");
+    // Fractions: a toy is bad, but never a hundred times the light.
+    let error = |key: &str| number(&figures["error"][key]);
+    assert!(0.0 < error("oracle_mean") && error("oracle_mean") <= error("mean") && error("worst") < 10.0, "{figures}");
+    assert!(error("median") <= error("worst") && error("mean") <= error("worst"));
+    let seconds = |key: &str| number(&figures["seconds"][key]);
+    assert!(seconds("bake") + seconds("train") <= seconds("total"));
+}
+
+fn train_writes_a_model_and_its_figures() {
+    let work = Work::new();
+    let stdout = work.succeeds(&format!("train {TINY} --json figures.json"), &[]);
+    assert!(stdout.contains("8 held-out conditions") && stdout.contains("wrote out/cornell.relight"), "{stdout}");
+    assert_eq!(work.files(), ["figures.json", "out", "out/cornell.relight"].map(String::from).into());
+    let figures = work.json("figures.json");
+    check_train_figures(&figures);
+    assert_eq!(
+        number(&figures["model_bytes"]),
+        std::fs::metadata(work.path("out/cornell.relight")).unwrap().len() as f64
+    );
+    let percent = format!("mean {:.2} %", 100.0 * number(&figures["error"]["mean"]));
+    assert!(stdout.contains(&percent), "{percent} in {stdout}");
+    // The paper's baseline, multi-channel, and a seed as large as seeds get.
+    work.succeeds(
+        &format!(
+            "train {TINY} --method belcour --channels multi --seed 18446744073709551615 -o b.relight --json b.json"
+        ),
+        &[],
+    );
+    assert_eq!(work.json("b.json")["method"], "belcour");
+    work.succeeds("info b.relight", &[]);
+}
+
+fn train_takes_scene_files_and_assets() {
+    let work = Work::new();
+    std::fs::create_dir(work.path("assets")).unwrap();
+    work.put("assets/corner.glb", corner_glb());
+    // The asset's path is relative to the scene file, not to where the command runs.
+    work.put(
+        "assets/scene.toml",
+        "[asset]\npath = \"corner.glb\"\nmaterials = \"lambert\"\n[bake]\nconditions = 1000\n",
+    );
+    work.succeeds(&format!("train assets/scene.toml {TINY} -o scene.relight --json scene.json"), &[]);
+    check_train_figures(&work.json("scene.json"));
+    work.succeeds(&format!("train assets/corner.glb {TINY} -o nested/deep/glb.relight --json glb.json"), &[]);
+    check_train_figures(&work.json("glb.json"));
+    assert!(work.files().contains("nested/deep/glb.relight"));
+    let settings = |file: &str, json: &str| {
+        work.succeeds(&format!("info {file} --json {json}"), &[]);
+        work.json(json)["scene settings"]["asset"]["materials"].clone()
+    };
+    assert_eq!(settings("scene.relight", "a.json"), "lambert");
+    assert_eq!(settings("nested/deep/glb.relight", "b.json"), "file");
+}
+
+fn compare_writes_its_report() {
+    let work = Work::with_model();
+    let stdout = work.succeeds("compare model.relight -o report --reference-paths 1 --json rows.json", &[]);
+    assert!(stdout.contains("mean relative RMSE on held-out lights, as trained"), "{stdout}");
+    let files = work.files();
+    for name in ["report.html", "errors.csv", "comparison.json", "images"] {
+        assert!(files.contains(&format!("report/{name}")), "{name}: {files:?}");
+    }
+    let comparison = work.json("report/comparison.json");
+    assert_eq!(comparison, work.json("rows.json"));
+    let rows = comparison["rows"].as_array().unwrap();
+    let mut methods = BTreeSet::new();
+    for row in rows {
+        has_keys(row, &["method", "coefficients", "points", "scenario", "mean", "median", "oracle_mean"]);
+        methods.insert(row["method"].as_str().unwrap());
+        let data_driven = !row["method"].as_str().unwrap().starts_with("sh_prt");
+        assert_eq!(data_driven, row["oracle_mean"].is_f64(), "{row}");
+        assert_eq!(data_driven, row["points"] == 16, "{row}");
+        assert!(number(&row["mean"]) > 0.0 && number(&row["mean"]) < 100.0, "{row}");
+    }
+    assert_eq!(methods, ["belcour", "linear", "sh_prt_texel", "sh_prt_vertex"].into());
+    let csv = std::fs::read_to_string(work.path("report/errors.csv")).unwrap();
+    assert_eq!(csv.lines().count(), rows.len() + 1);
+    // What the model was trained to is what comes out again.
+    work.succeeds("info model.relight --json info.json", &[]);
+    let own = rows.iter().find(|r| r["method"] == "linear" && r["coefficients"] == 4 && r["scenario"] == "as trained");
+    assert_eq!(own.unwrap()["mean"], work.json("info.json")["held-out error"]["mean"]);
+    let images: Vec<_> = files.iter().filter(|f| f.starts_with("report/images/")).collect();
+    assert!(images.len() >= 20, "{images:?}");
+    for name in images {
+        let image = image::open(work.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert!(image.width() > 1 && image.height() > 1, "{name}");
+    }
+}
+
+/// Linear radiance, row by row.
+fn read_exr(path: &Path) -> ((usize, usize), Vec<[f32; 3]>) {
+    let image = exr::prelude::read_first_rgba_layer_from_file(
+        path,
+        |size, _| (size.width(), vec![[0.0; 3]; size.area()]),
+        |(width, pixels), at, (r, g, b, _): (f32, f32, f32, f32)| pixels[at.y() * *width + at.x()] = [r, g, b],
+    )
+    .unwrap();
+    let size = image.layer_data.size;
+    ((size.width(), size.height()), image.layer_data.channel_data.pixels.1)
+}
+
+fn render_on(renderer: &str, options: &[&str]) {
+    let work = Work::with_model();
+    let light = [options, &["--light", POINT]].concat();
+    let stdout = work.succeeds("render model.relight --size 20x12 -o a.png --json a.json", &light);
+    assert!(stdout.contains("wrote a.png") && stdout.contains(renderer), "{stdout}");
+    assert_eq!((&work.json("a.json")["width"], &work.json("a.json")["height"]), (&json!(20), &json!(12)));
+    let png = image::open(work.path("a.png")).unwrap().into_rgb8();
+    assert_eq!((png.width(), png.height()), (20, 12));
+    assert!(png.iter().any(|&code| code > 100), "the picture is black");
+    let part = |part: &str| {
+        work.succeeds(&format!("render model.relight --size 20x12 --show {part} -o {part}.exr"), &light);
+        let (size, pixels) = read_exr(&work.path(&format!("{part}.exr")));
+        assert_eq!(size, (20, 12));
+        assert!(pixels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
+        assert!(pixels.iter().flatten().any(|v| *v > 0.0), "{part} is black");
+        pixels
+    };
+    let (full, direct, indirect) = (part("full"), part("direct"), part("indirect"));
+    // f32 sums of two parts, each rounded once more where pixels are averaged.
+    for ((full, direct), indirect) in full.iter().flatten().zip(direct.iter().flatten()).zip(indirect.iter().flatten())
+    {
+        assert!((full - direct - indirect).abs() <= 1e-5 * full.abs() + 1e-7, "{full} {direct} {indirect}");
+    }
+}
+
+/// The same light and camera in every way that the help names give the same picture, bit for bit.
+fn lights_and_cameras_read_alike_in_every_form() {
+    let work = Work::new();
+    work.put("corner.glb", corner_glb());
+    work.succeeds(&format!("train corner.glb {TINY} -o m.relight"), &[]);
+    let picture = |light: &str, camera: &[&str]| {
+        let more = [&["--light", light], camera].concat();
+        work.succeeds("render m.relight --cpu --size 12x8 -o a.exr", &more);
+        std::fs::read(work.path("a.exr")).unwrap()
+    };
+    work.put("l.toml", "[[lights]]\ntype = \"point\"\nposition = [1.0, 1.5, 1.0]\nintensity = 5.0\n");
+    work.put("l.json", r#"{"lights": [{"type": "point", "position": [1.0, 1.5, 1.0], "intensity": 5.0}]}"#);
+    let expected = picture("asset", &[]);
+    for light in [
+        "{type=\"point\", position=[1,1.5,1], intensity=5}",
+        "{\"type\":\"point\",\"position\":[1,1.5,1],\"intensity\":5,\"color\":[1,1,1]}",
+        "l.toml",
+        "l.json",
+    ] {
+        assert!(picture(light, &[]) == expected, "--light {light}");
+    }
+    assert!(picture("{type=\"point\", position=[1,1.5,1], intensity=6}", &[]) != expected, "a brighter light");
+    work.succeeds("info m.relight --json m.json", &[]);
+    let camera = "{\"eye\":[0.5,1.5,5],\"target\":[1,1,0],\"vertical_fov\":30}";
+    let other = picture("asset", &["--camera", camera]);
+    assert!(other == picture("asset", &["--camera", "{eye=[0.5,1.5,5], target=[1,1,0], vertical_fov=30}"]));
+    assert!(other != expected && picture("asset", &["--camera", "0"]) == expected, "the first camera is the default");
+}
+
+fn bake_writes_both_layers() {
+    use exr::prelude::{ReadChannels, ReadLayers, read};
+    let work = Work::new();
+    work.put("corner.glb", corner_glb());
+    work.succeeds("bake corner.glb --size 16 --paths 16 -o a.exr --json a.json", &["--light", "asset"]);
+    let image = read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer().all_attributes();
+    let image = image.from_file(work.path("a.exr")).unwrap();
+    assert_eq!((image.layer_data.size.width(), image.layer_data.size.height()), (16, 16));
+    let channels = &image.layer_data.channel_data.list;
+    let names: BTreeSet<String> = channels.iter().map(|c| c.name.to_string()).collect();
+    let expected = ["direct.R", "direct.G", "direct.B", "indirect.R", "indirect.G", "indirect.B"];
+    assert_eq!(names, expected.map(String::from).into());
+    let sum = |name: &str| {
+        let channel = channels.iter().find(|c| c.name.to_string() == name).unwrap();
+        channel.sample_data.values_as_f32().inspect(|v| assert!(v.is_finite() && *v >= 0.0)).sum::<f32>()
+    };
+    // White light stays white until red walls reflect it: albedo 0.8 against 0.2 once, and more so later.
+    assert_eq!(sum("direct.R"), sum("direct.B"));
+    assert!(sum("direct.R") > 0.0 && sum("indirect.R") >= 3.9 * sum("indirect.B"));
+    let figures = work.json("a.json");
+    has_keys(&figures, &["seconds", "rays", "texels"]);
+    assert!(number(&figures["rays"]) >= 16.0 * number(&figures["texels"]));
+}
+
+fn info_knows_models_scenes_and_assets() {
+    let work = Work::with_model();
+    work.put("corner.glb", corner_glb()).put("scene.toml", "[asset]\ngenerator = \"statue\"\n[lightmap]\nsize = 64\n");
+    let info = |file: &str| work.succeeds(&format!("info {file}"), &[]);
+    let model = info("model.relight");
+    assert!(
+        model.contains("elements: 4") && model.contains("triangles: 42") && model.contains("points: 16"),
+        "{model}"
+    );
+    let scene = info("scene.toml");
+    assert!(scene.contains("name: statue") && scene.contains("size: 64 x 64"), "{scene}");
+    let asset = info("corner.glb");
+    assert!(
+        asset.contains("triangles: 4") && asset.contains("materials: red") && asset.contains("cameras: 1"),
+        "{asset}"
+    );
+}
+
+fn bad_settings_are_said_in_one_line() {
+    let work = Work::new();
+    let refused = |words: &str, expected: &str| work.fails(2, &format!("train -o a.relight {words}"), &[], expected);
+    refused("--conditions 0", "bake.conditions = 0 must be from 1 to");
+    for (option, setting) in [
+        ("--size", "lightmap.size"),
+        ("--conditions", "bake.conditions"),
+        ("--held-out", "bake.held_out"),
+        ("--paths", "bake.paths"),
+        ("--points", "points.count"),
+        ("--sub-points", "points.sub_points"),
+        ("--basis", "train.basis"),
+        ("--max-bounces", "bake.max_bounces"),
+    ] {
+        refused(&format!("{option} 1000000000"), &format!("{setting} = 1000000000 must be from"));
+    }
+    refused("--size 8192 --conditions 65536", "GiB of memory");
+    refused("--lambda NaN", "train.lambda = NaN must be finite");
+    refused("--lambda=-1", "train.lambda = -1 must be finite and not negative");
+    refused("--points 60000 --sub-points 200 --size 16", "points of 200 sub-points");
+    let basis = "--size 16 --conditions 24 --held-out 8 --paths 4 --points 16 --basis 80";
+    refused(basis, "80 basis elements need at least 80");
+    assert!(work.files().is_empty());
+}
+
+fn bad_scene_files_are_said_in_one_line() {
+    let work = Work::new();
+    for (text, expected) in [
+        ("[bake]\nconditions = \n", "s.toml: line 2: "),
+        ("[bake]\nconditions = 10\n\n[bake]\n", "s.toml: line 4: "),
+        ("[asset]\ngenerator = \"cornell\"\n[bake]\nconditoins = 3\n", "s.toml: line 4: unknown field `conditoins`"),
+        ("[asset]\ngenerator = \"cornell\"\n[bake]\nconditions = 0\n", "s.toml: bake.conditions = 0"),
+        ("[asset]\ngenerator = \"cornell\"\n[bake]\nconditions = -3\n", "s.toml: line 4: "),
+        ("[asset]\ngenerator = \"cornel\"\n", "s.toml: generator \"cornel\" is not known; there are cornell, interior"),
+        ("[lightmap]\nsize = 16\n", "s.toml: [asset] needs either `path` or `generator`"),
+        ("[asset]\npath = \"gone.glb\"\n", "gone.glb: cannot be read"),
+        (
+            "[asset]\ngenerator = \"cornell\"\n[camera]\neye = [1, 2, 3]\ntarget = [1, 2, 3]\n",
+            "s.toml: camera: eye and target",
+        ),
+        ("[asset]\ngenerator = \"cornell\"\n[scenario]\nkinds = { spot = 0 }\n", "scenario: `kinds`"),
+        ("[asset]\ngenerator = \"cornell\"\n[scenario]\nclearance = 9.0\n", "no room for a light"),
+        ("[asset]\ngenerator = \"cornell\"\n[scenario]\nclearance = nan\n", "scenario: `clearance`"),
+    ] {
+        work.put("s.toml", text);
+        work.fails(2, "train s.toml -o a.relight --size 16", &[], expected);
+    }
+    work.fails(2, "train gone.toml", &[], "gone.toml: cannot be read");
+    work.put("s.toml", b"\xff\xfe");
+    work.fails(2, "train s.toml", &[], "s.toml: ");
+    work.put("s.toml", "[asset]\ngenerator = \"cornel\"\n");
+    work.fails(2, "info s.toml", &[], "s.toml: generator");
+}
+
+fn bad_assets_are_said_in_one_line() {
+    let work = Work::new();
+    work.fails(2, "train gone.glb", &[], "gone.glb: cannot be read");
+    work.fails(2, "info gone.relight", &[], "gone.relight: cannot be read");
+    work.put("a.fbx", "").put("empty.glb", "").put("empty.obj", "# nothing\n").put("folder.obj.txt", "");
+    work.fails(2, "train a.fbx", &[], "a.fbx: not an asset that can be imported");
+    work.fails(2, "bake a.fbx -o a.exr", &["--light", POINT], "a.fbx: not an asset");
+    work.fails(2, "train empty.glb", &[], "empty.glb: ");
+    work.fails(2, "train empty.obj", &[], "empty.obj: no triangle to light");
+    work.put("flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\nf 1 1 1\n");
+    work.fails(2, "train flat.obj", &[], "flat.obj: no triangle to light");
+    work.put("nan.obj", "v 0 0 0\nv nan 0 0\nv 0 inf 0\nf 1 2 3\n");
+    work.fails(2, "train nan.obj", &[], "nan.obj: ");
+    work.put("missing.obj", "v 0 0 0\nf 1 2 3\n");
+    work.fails(2, "train missing.obj", &[], "missing.obj: a face refers to vertex 2 of 1");
+    #[cfg(unix)]
+    {
+        use std::os::unix::ffi::OsStrExt;
+        let path = work.0.path().join(std::ffi::OsStr::from_bytes(b"\xff.glb"));
+        std::fs::write(&path, corner_glb()).unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
+        let output = command.current_dir(work.0.path()).arg("train").arg(&path).output().unwrap();
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{stderr}");
+        assert!(stderr.starts_with("error: ") && stderr.contains("is not UTF-8; rename the file"), "{stderr}");
+        std::fs::remove_file(path).unwrap();
+    }
+    let mut gltf = GltfBuilder::new();
+    let positions = gltf.floats("VEC3", &[]);
+    gltf.attribute("POSITION", positions);
+    work.put("none.glb", gltf.glb());
+    work.fails(2, "train none.glb", &[], "none.glb: ");
+}
+
+fn bad_lights_and_cameras_are_said_in_one_line() {
+    let work = Work::with_model();
+    let refused = |more: &[&str], expected: &str| work.fails(2, "render model.relight --cpu -o a.png", more, expected);
+    let light = |light: &str, expected: &str| refused(&["--light", light], expected);
+    refused(&[], "no light is given");
+    light("asset", "--light asset: cornell defines no light");
+    light("gone.toml", "--light gone.toml: cannot be read");
+    light("{type=\"point\", position=[nan,0,0], intensity=1}", "position [NaN, 0, 0] is not finite");
+    light("{type=\"point\", position=[0,0,0], intensity=nan}", "intensity NaN must be finite");
+    light("{type=\"point\", position=[0,0,0], intensity=-1}", "intensity -1 must be finite and not negative");
+    light("{type=\"point\", position=[0,0,0], intensity=1, range=0}", "range 0 must be finite and positive");
+    light("{type=\"spot\", position=[0,0,0], direction=[0,0,0], intensity=1}", "direction [0, 0, 0] has no length");
+    light("{type=\"spot\", position=[0,0,0], direction=[0,-1,0], intensity=1, outer_cone_angle=3}", "cone angles");
+    light("{type=\"laser\", position=[0,0,0]}", "unknown variant `laser`");
+    light("{type=\"point\", position=[0,0,0], intensity=1, colour=[1,1,1]}", "unknown field `colour`");
+    light("{\"type\":\"point\",\"position\":[0,0,0]}", "missing field `intensity`");
+    light("{type=\"point\"", "--light {type=\"point\": ");
+    light("{type=\"emissive\"}", "--reference");
+    work.put("l.toml", "# lamps\n[[lights]]\ntype = \"point\"\nposition = [0, 0\n");
+    light("l.toml", "l.toml: line 4: ");
+    work.put("l.json", "{\"lights\": [\n{\"type\": \"point\"}]}");
+    light("l.json", "l.json: ");
+    work.put("l.toml", "lights = []\n");
+    light("l.toml", "no light is given");
+
+    let camera = |camera: &str, expected: &str| refused(&["--light", POINT, "--camera", camera], expected);
+    camera("{eye=[1,1,1], target=[1,1,1]}", "--camera: eye and target must differ");
+    camera("{eye=[0,0,0], target=[0,0,inf]}", "--camera: eye, target and up must be finite");
+    camera("{eye=[0,0,0], target=[0,0,1], vertical_fov=180}", "--camera: vertical_fov 180");
+    camera("{eye=[0,0,0]}", "missing field `target`");
+    camera("7", "cameras, numbered from 0");
+    camera("first", "neither a camera in braces nor a number");
+    for size in ["0x0", "1x0", "100000x1"] {
+        refused(&["--light", POINT, "--size", size], "a picture of ");
+    }
+    refused(&["--light", POINT, "--exposure", "nan"], "--exposure must be finite and positive");
+    work.fails(2, "render model.relight --cpu -o a.jpg", &["--light", POINT], "a.jpg: pictures are .png or .exr");
+    work.fails(2, "bake out.toml -o a.png", &["--light", POINT], "a.png: lightmaps are written as .exr");
+}
+
+fn damaged_models_are_said_in_one_line() {
+    let work = Work::with_model();
+    let bytes = std::fs::read(work.path("model.relight")).unwrap();
+    work.put("cut.relight", &bytes[..bytes.len() / 2]).put("empty.relight", "");
+    for name in ["cut", "empty"] {
+        for command in ["info NAME", "compare NAME -o report", "render NAME --cpu -o a.png"] {
+            let words = command.replace("NAME", &format!("{name}.relight"));
+            work.fails(2, &words, &[], &format!("{name}.relight: not a relight model"));
+        }
+    }
+}
+
+fn results_that_cannot_be_written_are_said() {
+    let work = Work::with_model();
+    work.put("file", "").put("corner.glb", corner_glb());
+    work.fails(1, &format!("train {TINY} -o file/a.relight"), &[], "file/a.relight: cannot be written");
+    work.fails(1, "render model.relight --cpu --size 4x4 -o file/a.png", &["--light", POINT], "file/a.png: ");
+    work.fails(1, "render model.relight --cpu --size 4x4 -o file/a.exr", &["--light", POINT], "file/a.exr: ");
+    let bake = "bake corner.glb --size 16 --paths 1 -o file/a.exr";
+    work.fails(1, bake, &["--light", POINT], "file/a.exr: cannot be written");
+    // A folder in the place of the file: nothing temporary stays beside it.
+    std::fs::create_dir(work.path("taken.relight")).unwrap();
+    work.fails(1, &format!("train {TINY} -o taken.relight"), &[], "taken.relight: cannot be written");
+}
+
+/// Few texels with very many paths, so that whoever asks only between texels is found out.
+#[cfg(unix)]
+fn ctrl_c_stops_within_a_second() {
+    let work = Work::new();
+    let arguments = "train --size 16 --conditions 64 --paths 1048576 --points 16 --basis 4 -o a.relight --json a.json";
+    let child = std::process::Command::new(env!("CARGO_BIN_EXE_relight"))
+        .current_dir(work.0.path())
+        .args(arguments.split(' '))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // The bake of 2^20 paths a texel takes minutes; after two seconds it is under way.
+    std::thread::sleep(Duration::from_secs(2));
+    let interrupt = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(interrupt.success());
+    let start = Instant::now();
+    let output = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(start.elapsed() < Duration::from_secs(1), "took {:?} to stop", start.elapsed());
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("stopped; nothing was written"), "{stderr}");
+    assert!(work.files().is_empty() && output.stdout.is_empty());
+}
