@@ -100,12 +100,8 @@ impl Inputs<'_> {
     /// # Errors
     /// When a fit fails, the camera is unusable, or `progress` cancels.
     pub fn assemble(&self, progress: &dyn Progress) -> Result<Report, ReportError> {
-        let settings = |paths: u32| PrtSettings {
-            order: ORDER,
-            paths,
-            max_bounces: self.bake.max_bounces,
-            seed: self.bake.seed,
-        };
+        let settings =
+            |paths: u32| PrtSettings { order: ORDER, paths, max_bounces: self.bake.max_bounces, seed: self.bake.seed };
         // The high bands are noisier than the light itself: they are given more paths than the bake, so that what is
         // compared is the method and not its noise.
         let vertices = bake_vertices(self.tracer, self.lightmap, &settings(16 * self.bake.paths), progress)?;

@@ -46,7 +46,15 @@ pub fn line_plot(x_label: &str, y_label: &str, log_y: bool, percent: bool, serie
         // The backend writes to memory, which does not fail.
         let x = x.start / 1.12..x.end * 1.12;
         let drawn = if log_y {
-            draw(&root, x.log_scale(), (labelled(y.start / 1.3)..y.end * 1.3).log_scale(), x_label, y_label, percent, series)
+            draw(
+                &root,
+                x.log_scale(),
+                (labelled(y.start / 1.3)..y.end * 1.3).log_scale(),
+                x_label,
+                y_label,
+                percent,
+                series,
+            )
         } else {
             draw(&root, x.log_scale(), 0.0..y.end * 1.08, x_label, y_label, percent, series)
         };

@@ -28,4 +28,4 @@ pub use material::{Material, Reflectance, Texture, TextureRef, Wrap};
 pub use mesh::{Aabb, Mesh};
 pub use surface::{Bsdf, Hit, Surface};
 pub use texels::{Fragment, Lightmap, Texel, TexelPoint, TexelSampler};
-pub use tracer::{ShadowRays, Tracer, lanes, mask_of};
+pub use tracer::{Search, ShadowRays, Tracer, lanes, mask_of};

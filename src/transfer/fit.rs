@@ -117,8 +117,7 @@ impl Fit {
             .collect();
 
         // Vector v = group · n + k. Its weight multiplies both its direct vector and its lightmap.
-        let norms: Vec<f64> =
-            (0..groups.len() * n).map(|v| direct[v / n].col(v % n).norm_l2()).collect();
+        let norms: Vec<f64> = (0..groups.len() * n).map(|v| direct[v / n].col(v % n).norm_l2()).collect();
         let weights: Vec<f64> = match method {
             Method::Linear => {
                 let of_condition = relative_weights(&kept, gram, &norms);
