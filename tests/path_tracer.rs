@@ -115,6 +115,18 @@ fn furnace_indirect_is_pi_a_over_one_minus_a() {
     }
 }
 
+/// A two-sided emitter fills the furnace from its back as well: the same box inside out.
+#[test]
+fn furnace_of_two_sided_emitters_met_from_the_back_is_the_same() {
+    let outside = room(Vec3::new(1.0, 2.0, 3.0)).iter().map(|&[corner, e0, e1]| [corner, e1, e0]).collect::<Vec<_>>();
+    let receiver = |asset: &Asset| asset.surface(0, 0.3, 0.3, asset.mesh.normals[0]);
+    for (double_sided, expected) in [(true, PI as f64), (false, 0.0)] {
+        let asset = asset_of(&outside, vec![Material { double_sided, ..glowing(0.5, 1.0) }], |_| 0);
+        let [direct, ..] = irradiances(&asset, &[], 20_000, Some(receiver(&asset)));
+        Estimate::of(&direct).assert_is(expected);
+    }
+}
+
 /// The control: a box with a hole in it is darker than the furnace.
 #[test]
 fn furnace_with_an_open_side_is_darker() {

@@ -122,5 +122,6 @@ pub fn print_summary(trained: &Trained, output: &Path, bytes: u64) {
         percent(held_out.oracle_mean),
         percent(held_out.noise)
     );
-    println!("wrote {} ({:.1} MB)", output.display(), bytes as f64 * 1e-6);
+    let peak = peak_bytes().map_or(String::new(), |peak| format!("; peak memory {:.0} MB", peak as f64 * 1e-6));
+    println!("wrote {} ({:.1} MB){peak}", output.display(), bytes as f64 * 1e-6);
 }

@@ -43,7 +43,7 @@ pub struct Surface {
     pub geometric_normal: Vec3,
     pub normal: Vec3,
     pub bsdf: Bsdf,
-    /// Radiance emitted towards the side that it was met from; zero on a back.
+    /// Radiance emitted towards the side that it was met from; zero on the back of a one-sided material.
     pub emitted: Rgb,
     /// Whether it was met from the back.
     pub back: bool,
@@ -67,7 +67,9 @@ impl Asset {
         let material = &self.materials[mesh.triangle_materials[triangle] as usize];
         let base = self.base_colour(material, triangle, u, v);
         let bsdf = self.bsdf(material, base, triangle, u, v);
-        let emitted = if back { Vec3::ZERO } else { self.emitted(material, triangle, u, v) };
+        // A two-sided emitter shines both ways (glTF 2.0, `doubleSided`).
+        let dark = back && !material.double_sided;
+        let emitted = if dark { Vec3::ZERO } else { self.emitted(material, triangle, u, v) };
         Surface { position, geometric_normal: geometric * side, normal: normal * side, bsdf, emitted, back }
     }
 

@@ -75,12 +75,13 @@ impl<'a> Emitters<'a> {
         let target = p0 * (1.0 - b.x - b.y) + p1 * b.x + p2 * b.y;
         let to_light = target - from.position;
         let (distance2, direction) = (to_light.length_squared(), to_light.normalize_or_zero());
-        let cos_light = -direction.dot((p1 - p0).cross(p2 - p0).normalize());
+        let material = &self.asset.materials[self.asset.mesh.triangle_materials[triangle] as usize];
+        let cos_front = -direction.dot((p1 - p0).cross(p2 - p0).normalize());
+        let cos_light = if material.double_sided { cos_front.abs() } else { cos_front };
         if cos_light <= 0.0 || direction.dot(from.geometric_normal) <= 0.0 || direction.dot(from.normal) <= 0.0 {
             return None;
         }
         let pdf = self.area_density[triangle] * distance2 / cos_light;
-        let material = &self.asset.materials[self.asset.mesh.triangle_materials[triangle] as usize];
         let radiance = self.asset.emitted(material, triangle, b.x, b.y);
         let origin = tracer.leave(from, direction);
         let open = pdf.is_finite() && pdf > 0.0 && !tracer.occluded(origin, target - origin);
