@@ -97,7 +97,7 @@ mod tests {
         const N: u32 = 64;
         const PAIRS: u64 = 1000;
         let mean_of = |pair: &dyn Fn(u64) -> (Vec<f32>, Vec<f32>)| {
-            (0..PAIRS).map(|k| pair(k)).map(|(a, b)| correlation(&a, &b)).sum::<f64>() / PAIRS as f64
+            (0..PAIRS).map(pair).map(|(a, b)| correlation(&a, &b)).sum::<f64>() / PAIRS as f64
         };
         // Stratified samples correlate no more than independent ones; four sigmas of these.
         let tolerance = 4.0 / (N as f64 * PAIRS as f64).sqrt();
