@@ -58,7 +58,8 @@ fn training(c: &mut Criterion) {
     let tracer = Tracer::new(&asset);
     let points = MeasurementPoints::place(&asset, 128, 8, 1).unwrap();
     let draw = Draw { scenario: &Scenario::default(), training: 256, held_out: 0 };
-    let dataset = Dataset::bake(&tracer, &lightmap, &points, draw, &SETTINGS, &Silent).unwrap();
+    let conditions = draw.conditions(&tracer, SETTINGS.seed).unwrap();
+    let dataset = Dataset::bake(&tracer, &lightmap, &points, conditions, 256, &SETTINGS, &Silent).unwrap();
     let mut group = c.benchmark_group("train");
     group.bench_function("gram", |b| b.iter(|| Gram::of(&dataset, &Silent).unwrap()));
     let gram = Gram::of(&dataset, &Silent).unwrap();

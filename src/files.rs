@@ -20,3 +20,12 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     file.persist(path)?;
     Ok(())
 }
+
+/// Whether a file at `path` could be written later: the nearest folder that exists above it takes new files. To be asked
+/// before long work whose result goes there.
+pub fn check_writable(path: &Path) -> io::Result<()> {
+    let above =
+        path.ancestors().skip(1).map(|folder| if folder.as_os_str().is_empty() { Path::new(".") } else { folder });
+    let existing = above.into_iter().find(|folder| folder.exists()).unwrap_or(Path::new("."));
+    tempfile::tempfile_in(existing).map(|_| ())
+}

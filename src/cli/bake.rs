@@ -42,6 +42,7 @@ impl Bake {
         self.overrides.apply(&mut scene, &place)?;
         let prepared = prepare(scene, &place, reporter)?;
         let conditions = [LightingCondition { lights: lights(&self.lights, &prepared.asset)? }];
+        super::check_output(&self.output)?;
         let tracer = Tracer::new(&prepared.asset);
         let settings = prepared.bake_settings();
         let start = Instant::now();

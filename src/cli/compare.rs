@@ -8,8 +8,8 @@ use serde_json::json;
 use super::pipeline::{Prepared, Trained};
 use super::{Failure, Reporter};
 use crate::dataset::{Dataset, Draw};
-use crate::light::Scenario;
 use crate::light::scenario::{KindWeights, Sky};
+use crate::light::{LightTable, Scenario};
 use crate::model::Model;
 use crate::progress::Progress;
 use crate::report::Row;
@@ -40,6 +40,7 @@ const LEAST_LIT: f64 = 0.25;
 impl Compare {
     pub fn run(&self, json: Option<&Path>, reporter: &Reporter) -> Result<(), Failure> {
         let model = Model::load(&self.model)?;
+        super::check_output(&self.output.join("report.html"))?;
         let prepared = Prepared::from_model(&model, &self.model)?;
         // The dataset is a function of the scene settings and the seed: baked anew, it has the same bits.
         let trained = prepared.train(reporter)?;
@@ -113,20 +114,25 @@ fn distant(
         return Ok(None);
     }
     let bake = &prepared.scene.bake;
-    let draw = Draw { scenario: &scenario, training: bake.conditions.min(128), held_out: bake.held_out.min(64) };
+    let draw = Draw { scenario: &scenario, training: bake.conditions.min(192), held_out: bake.held_out.min(96) };
     let settings = prepared.bake_settings();
     let conditions = draw.conditions(tracer, settings.seed)?;
-    let table = crate::light::LightTable::from_conditions(&conditions);
-    let direct = trained.model.points.direct_matrix(tracer, &table);
+    let table = LightTable::from_conditions(&conditions);
+    let points = &trained.model.points;
+    let direct = points.direct_matrix(tracer, &table);
     let n = conditions.len();
-    let lit = (0..n).filter(|&c| direct.chunks_exact(3 * n).any(|row| row[c] > 0.0)).count();
-    if (lit as f64) < LEAST_LIT * n as f64 {
+    let is_lit = |c: usize| direct.chunks_exact(3 * n).any(|row| (0..3).any(|channel| row[channel * n + c] > 0.0));
+    let lit: Vec<usize> = (0..n).filter(|&c| is_lit(c)).collect();
+    if (lit.len() as f64) < LEAST_LIT * n as f64 {
         reporter.note(
             "distant light hardly reaches this asset: classical PRT is compared under the model's own scenario only",
         );
         return Ok(None);
     }
-    let dataset = Dataset::bake(tracer, &prepared.lightmap, &trained.model.points, draw, &settings, reporter)?;
+    // Suns that no measurement point sees would be dropped after the bake; they are not baked in the first place.
+    let training = lit.iter().filter(|&&c| c < draw.training).count();
+    let conditions = lit.iter().map(|&c| conditions[c].clone()).collect();
+    let dataset = Dataset::bake(tracer, &prepared.lightmap, points, conditions, training, &settings, reporter)?;
     let gram = Gram::of(&dataset, reporter)?;
     Ok(Some((dataset, gram)))
 }

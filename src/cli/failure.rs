@@ -2,7 +2,6 @@
 
 use std::process::ExitCode;
 
-use crate::dataset::DatasetError;
 use crate::gpu::GpuError;
 use crate::light::ScenarioError;
 use crate::measure::PointsError;
@@ -60,15 +59,6 @@ impl From<BakeError> for Failure {
     fn from(error: BakeError) -> Self {
         match error {
             BakeError::Cancelled => Failure::Stopped,
-        }
-    }
-}
-
-impl From<DatasetError> for Failure {
-    fn from(error: DatasetError) -> Self {
-        match error {
-            DatasetError::Scenario(error) => error.into(),
-            DatasetError::Bake(error) => error.into(),
         }
     }
 }

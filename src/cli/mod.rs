@@ -17,7 +17,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::files::write_whole;
+use crate::files::{check_writable, write_whole};
 pub use failure::Failure;
 pub use reporter::Reporter;
 
@@ -79,6 +79,11 @@ fn write_json(path: Option<&Path>, figures: &serde_json::Value) -> Result<(), Fa
     let Some(path) = path else { return Ok(()) };
     let text = format!("{figures:#}\n");
     write_file(path, text.as_bytes())
+}
+
+/// Refuses a result's place before the work for it begins.
+fn check_output(path: &Path) -> Result<(), Failure> {
+    check_writable(path).map_err(|error| Failure::Work(format!("{}: cannot be written: {error}", path.display())))
 }
 
 /// Writes a result file.

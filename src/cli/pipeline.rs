@@ -69,7 +69,9 @@ impl Prepared {
         let (settings, bake) = (&self.scene.points, &self.scene.bake);
         let points = MeasurementPoints::place(&self.asset, settings.count, settings.sub_points, bake.seed)?;
         let draw = Draw { scenario: &self.scene.scenario, training: bake.conditions, held_out: bake.held_out };
-        let dataset = Dataset::bake(tracer, &self.lightmap, &points, draw, &self.bake_settings(), reporter)?;
+        let conditions = draw.conditions(tracer, bake.seed)?;
+        let settings = self.bake_settings();
+        let dataset = Dataset::bake(tracer, &self.lightmap, &points, conditions, draw.training, &settings, reporter)?;
         Ok((points, dataset))
     }
 

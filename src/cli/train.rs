@@ -39,6 +39,7 @@ impl Train {
         self.overrides.apply(&mut scene, &place)?;
         let prepared = prepare(scene, &place, reporter)?;
         let output = self.output.clone().unwrap_or_else(|| default_output(&prepared.asset.name));
+        super::check_output(&output)?;
         let trained = prepared.train(reporter)?;
         let bytes = trained.model.save(&output)?;
         if let Some(folder) = &self.debug_images {

@@ -8,14 +8,6 @@ use crate::progress::Progress;
 use crate::scene::{Lightmap, Tracer};
 use crate::transport::{self, BakeError, BakeSettings};
 
-#[derive(Debug, thiserror::Error)]
-pub enum DatasetError {
-    #[error(transparent)]
-    Scenario(#[from] ScenarioError),
-    #[error(transparent)]
-    Bake(#[from] BakeError),
-}
-
 /// Separates the held-out conditions' random numbers from the training conditions', so that more of either leaves the other
 /// as they are.
 const HELD_OUT_STREAM: u64 = 0x6865_6c64_5f6f_7574;
@@ -39,23 +31,23 @@ impl Draw<'_> {
 }
 
 impl Dataset {
-    /// Draws, measures and bakes.
+    /// Measures and bakes `conditions`, the first `training` of which are to train on.
     ///
     /// # Errors
-    /// When the scenario cannot be met in this asset, or when `progress` cancels.
+    /// When `progress` cancels.
     pub fn bake(
         tracer: &Tracer,
         lightmap: &Lightmap,
         points: &MeasurementPoints,
-        draw: Draw,
+        conditions: Vec<LightingCondition>,
+        training: usize,
         settings: &BakeSettings,
         progress: &dyn Progress,
-    ) -> Result<Self, DatasetError> {
-        let conditions = draw.conditions(tracer, settings.seed)?;
+    ) -> Result<Self, BakeError> {
         let direct = points.direct_matrix(tracer, &LightTable::from_conditions(&conditions));
         let baked = transport::bake(tracer, lightmap, &conditions, settings, progress)?;
         Ok(Self {
-            training: draw.training,
+            training,
             direct,
             indirect: baked.indirect,
             texel_areas: lightmap.texels.iter().map(|t| t.area).collect(),

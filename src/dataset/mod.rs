@@ -2,7 +2,7 @@
 
 pub mod build;
 
-pub use build::{DatasetError, Draw};
+pub use build::Draw;
 
 use crate::light::LightingCondition;
 
