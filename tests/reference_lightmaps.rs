@@ -55,11 +55,11 @@ fn cornell_box_under_its_lamp(path: PathBuf) {
         let page = Page { offset: Vec2::ZERO, scale: Vec2::ONE };
         let texels = Texels::bake(&asset, &triangles, &page, &lights, &reference, Bake { size: 32, paths: 256 });
         let total = texels.compare(name, |t| t.direct + t.indirect);
-        assert!(total.correlation > 0.99 && total.relative_rmse < 0.08, "{name}: {total:?}");
-        assert!((total.scale * PI - 1.0).abs() < 0.08, "{name}: {total:?}");
+        let fits = |f: &Figures| f.correlation > 0.99 && f.relative_rmse < 0.08 && (f.scale * PI - 1.0).abs() < 0.08;
+        assert!(fits(&total), "{name}: {total:?}");
         // Without the indirect light, and beside another place, it must not fit.
         let direct = texels.compare(&format!("{name}, direct alone"), |t| t.direct);
-        assert!(direct.relative_rmse > 2.0 * total.relative_rmse, "{name}: {direct:?}");
+        assert!(!fits(&direct), "{name}: {direct:?}");
         let turned = texels.turned().compare(&format!("{name}, turned"), |t| t.direct + t.indirect);
         assert!(turned.correlation < 0.5, "{name}: {turned:?}");
     }
@@ -201,7 +201,8 @@ impl Texels {
         let tracer = Tracer::new(&asset);
         let lightmap = Lightmap::new(&asset.mesh, size);
         let conditions = [LightingCondition { lights: lights.to_vec() }];
-        let settings = BakeSettings { paths, max_bounces: 8, seed: 1 };
+        // Blender's Cycles ends diffuse paths after four bounces unless told otherwise.
+        let settings = BakeSettings { paths, max_bounces: 4, seed: 1 };
         let indirect = bake(&tracer, &lightmap, &conditions, &settings, &Silent).unwrap().indirect;
         let direct = bake_direct(&tracer, &lightmap, &conditions, settings.seed, &Silent).unwrap();
 
