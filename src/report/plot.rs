@@ -49,7 +49,7 @@ pub fn line_plot(x_label: &str, y_label: &str, log_y: bool, percent: bool, serie
             draw(
                 &root,
                 x.log_scale(),
-                (labelled(y.start / 1.3)..y.end * 1.3).log_scale(),
+                (labelled(y.start / LEGEND_ROOM)..y.end * 1.3).log_scale(),
                 x_label,
                 y_label,
                 percent,
@@ -63,6 +63,9 @@ pub fn line_plot(x_label: &str, y_label: &str, log_y: bool, percent: bool, serie
     // Scales with the page, and takes its text from the page's fonts.
     svg.replacen("<svg ", "<svg class=\"plot\" ", 1)
 }
+
+/// How far a logarithmic axis goes on below the lowest value, so that the legend covers no line.
+const LEGEND_ROOM: f64 = 4.0;
 
 /// A lower end of a logarithmic axis that reaches down to a decade where one is near, so that it is labelled.
 fn labelled(low: f64) -> f64 {
