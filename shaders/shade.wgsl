@@ -49,12 +49,12 @@ fn shade(in: Fragment) -> @location(0) vec4f {
     var radiance = vec3f(0.0);
     if (frame.shown & SHOW_DIRECT) != 0u {
         radiance += direct_radiance(in.position_ws, in.geometric_normal * side, shading_normal(in) * side, to_view, bsdf);
-        if !back {
-            radiance += materials[material].emissive
-                * sample_texture(materials[material].emissive_texture, in.uv0, in.uv1).rgb;
-        }
+        // Backs are drawn for two-sided materials only, and those shine both ways.
+        radiance += materials[material].emissive
+            * sample_texture(materials[material].emissive_texture, in.uv0, in.uv1).rgb;
     }
-    if (frame.shown & SHOW_INDIRECT) != 0u {
+    // The lightmap holds the light of the front.
+    if (frame.shown & SHOW_INDIRECT) != 0u && !back {
         let reflectance = select(albedo(bsdf), vec3f(1.0), (frame.shown & SHOW_WHITE) != 0u);
         radiance += indirect_irradiance(in.lightmap_uv) * reflectance * INVERSE_PI;
     }

@@ -54,7 +54,11 @@ pub fn render(
     let (width, grid) = (view.width as usize, view.samples_per_axis);
     let radiance = |gather: &mut LightGather, hit: &Hit, to_view: Vec3| {
         let surface = tracer.surface(hit, -to_view);
+        // The lightmap holds the light of the front: the back of a two-sided surface has none.
         let irradiance = || {
+            if surface.back {
+                return Rgb::ZERO;
+            }
             let uv = mesh.interpolate(&mesh.lightmap_uvs, hit.triangle as usize, hit.u, hit.v);
             indirect_irradiance(uv).max(Vec3::ZERO)
         };
