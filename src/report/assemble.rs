@@ -190,7 +190,7 @@ impl Inputs<'_> {
         let series = Series { label: "σ² / σ₁²".into(), colour: 0, dashed: false, points };
         plots.push(Plot {
             title: "Relative eigenvalues of the indirect light".into(),
-            note: "Of the Gram matrix that the basis comes from, as Figure 3 of the paper. The floor on the right is the path tracer's noise.".into(),
+            note: "Of the Gram matrix that the basis comes from, as Figure 3 of the paper.".into(),
             svg: line_plot("element", "relative eigenvalue", true, true, &[series]),
         });
         plots
