@@ -9,6 +9,8 @@ pub struct Sampler {
     seed: u32,
     sample: u32,
     dimension_set: u32,
+    /// Sets drawn beside the path.
+    aside_set: u32,
 }
 
 /// Sobol points repeat beyond this many samples; later samples continue under another scramble.
@@ -18,7 +20,22 @@ impl Sampler {
     /// The generator of `sample` in `stream` (a texel, a pixel, a light) of the run that `seed` names.
     pub fn new(seed: u64, stream: u64, sample: u32) -> Self {
         let scramble = mix64(mix64(seed) ^ stream ^ ((sample / SAMPLES_PER_SCRAMBLE) as u64) << 48);
-        Self { seed: (scramble ^ (scramble >> 32)) as u32, sample: sample % SAMPLES_PER_SCRAMBLE, dimension_set: 0 }
+        Self {
+            seed: (scramble ^ (scramble >> 32)) as u32,
+            sample: sample % SAMPLES_PER_SCRAMBLE,
+            dimension_set: 0,
+            aside_set: 0,
+        }
+    }
+
+    /// The next four numbers for choices beside the path, such as a light of next-event estimation, from dimensions of their
+    /// own: the path's stay the same whether these are drawn or not.
+    #[inline]
+    pub fn aside_4d(&mut self) -> [f32; 4] {
+        /// Any constant: it makes another scramble.
+        const ASIDE: u32 = 0x6a09_e667;
+        self.aside_set += 1;
+        Self { seed: self.seed ^ ASIDE, dimension_set: self.aside_set - 1, ..*self }.next_4d()
     }
 
     /// The next four dimensions, each in [0, 1).

@@ -1,5 +1,7 @@
 //! The bake: indirect irradiance of every lightmap texel under every lighting condition (the matrix I; METHOD eq. 3).
 
+use std::ops::Range;
+
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -20,6 +22,18 @@ pub struct BakeSettings {
     pub seed: u64,
 }
 
+impl BakeSettings {
+    /// Bytes that a bake needs for each condition of a batch, from which the size of batches under a memory ceiling follows:
+    /// what a [`Baker`] of a lightmap with `texels` texels holds, and what [`Baker::texels`] makes of `tile` of them.
+    pub fn bytes_per_condition(&self, _texels: usize, tile: usize, lights: usize, threads: usize) -> usize {
+        let row = 3 * size_of::<f32>();
+        // Light table, colours and their doubles; per thread the sums of each light and the first half's row.
+        let lights = lights * (128 + threads * size_of::<Rgb>());
+        let noise = (tile / CHUNK + 2 + threads) * 2 * size_of::<f64>();
+        tile * row + threads * row + lights + noise
+    }
+}
+
 /// Irradiance of T texels under N conditions.
 pub struct Baked {
     /// N.
@@ -29,6 +43,15 @@ pub struct Baked {
     /// Per condition, the relative RMSE that is the estimate's own noise, from the difference between the two halves of the
     /// paths (area weighted, over texels and channels).
     pub noise: Vec<f32>,
+    /// Segments of paths and shadow rays.
+    pub rays: u64,
+}
+
+/// Irradiance of a range of texels under the conditions of a [`Baker`].
+pub struct BakedTexels {
+    /// `[texel][channel][condition]`, as [`Baked::indirect`].
+    pub indirect: Vec<f32>,
+    pub noise: NoiseSums,
     /// Segments of paths and shadow rays.
     pub rays: u64,
 }
@@ -43,12 +66,106 @@ pub enum BakeError {
 pub(super) const PATHS_BETWEEN_CHECKS: u32 = 64;
 
 /// Texels handed to a thread at a time.
-const CHUNK: usize = 16;
+const CHUNK: usize = 8;
 
-/// Path traces all `conditions` at once: every path is traced once, and the direct light of all conditions is gathered at
-/// each of its vertices.
+/// Texels of the ranges that a whole lightmap is baked in: few enough that a thousand conditions of them fit in 50 MB, so
+/// many that no thread waits for the last. Fixed, since the sums of the noise are made range by range.
+pub const TILE: usize = 4096;
+
+/// Bakes a lightmap range by range, all conditions at once: every path is traced once, and the direct light of all conditions
+/// is gathered at each of its vertices.
 ///
-/// The result depends on the seed alone, not on the number of threads.
+/// What a texel receives under a condition depends on the seed alone: not on the other conditions, not on the ranges, not on
+/// the number of threads.
+pub struct Baker<'t, 'a> {
+    tracer: &'t Tracer<'a>,
+    lightmap: &'t Lightmap,
+    settings: BakeSettings,
+    table: LightTable,
+    mixer: Mixer,
+    emitters: Option<Emitters<'a>>,
+}
+
+impl<'t, 'a> Baker<'t, 'a> {
+    /// Prepares to bake `conditions`.
+    ///
+    /// # Errors
+    /// [`BakeError::Cancelled`] when `progress` says so.
+    pub fn new(
+        tracer: &'t Tracer<'a>,
+        lightmap: &'t Lightmap,
+        conditions: &[LightingCondition],
+        settings: &BakeSettings,
+        _progress: &dyn Progress,
+    ) -> Result<Self, BakeError> {
+        let mixer = Mixer::new(conditions);
+        let emitters = if mixer.wants_emission() { Emitters::new(tracer.asset()) } else { None };
+        let table = LightTable::from_conditions(conditions);
+        Ok(Self { tracer, lightmap, settings: *settings, table, mixer, emitters })
+    }
+
+    /// N.
+    pub fn conditions(&self) -> usize {
+        self.mixer.emission.len()
+    }
+
+    /// Bakes a range of the lightmap's texels, each of which advances `progress` by one.
+    ///
+    /// # Errors
+    /// [`BakeError::Cancelled`] when `progress` says so.
+    pub fn texels(&self, range: Range<usize>, progress: &dyn Progress) -> Result<BakedTexels, BakeError> {
+        let (n, paths) = (self.conditions(), self.settings.paths);
+        let row = 3 * n;
+        let walk =
+            Walk { tracer: self.tracer, emitters: self.emitters.as_ref(), max_bounces: self.settings.max_bounces };
+        let mut indirect = vec![0f32; range.len() * row];
+        // Each chunk's share of the noise is kept apart and summed in order, so that rounding does not depend on the threads.
+        let shares: Vec<(NoiseSums, u64)> = indirect
+            .par_chunks_mut((CHUNK * row).max(1))
+            .enumerate()
+            .map_init(
+                || (LightSums::new(&self.table, self.tracer), vec![0f32; row]),
+                |(sums, first_half), (chunk, rows)| {
+                    let mut noise = NoiseSums::new(n);
+                    let rays_before = sums.rays();
+                    for (i, out) in rows.chunks_mut(row).enumerate() {
+                        let texel = range.start + chunk * CHUNK + i;
+                        let receivers = Receivers::new(self.tracer, self.lightmap, texel);
+                        let index = self.lightmap.texels[texel].index as u64;
+                        sums.clear();
+                        for path in 0..paths {
+                            if path % PATHS_BETWEEN_CHECKS == 0 && progress.cancelled() {
+                                return (noise, sums.rays() - rays_before);
+                            }
+                            let mut sampler = Sampler::new(self.settings.seed, index, path);
+                            let [u0, u1, u2, u3] = sampler.next_4d();
+                            walk.from_receiver(&receivers.at([u0, u1]), Vec2::new(u2, u3), &mut sampler, sums);
+                            if path + 1 == paths / 2 {
+                                self.mix(sums, sums.emission, 1.0 / (path + 1) as f32, first_half);
+                            }
+                        }
+                        self.mix(sums, sums.emission, 1.0 / paths as f32, out);
+                        noise.add(out, first_half, paths, self.lightmap.texels[texel].area);
+                        progress.advance(1);
+                    }
+                    (noise, sums.rays() - rays_before)
+                },
+            )
+            .collect();
+        if progress.cancelled() {
+            return Err(BakeError::Cancelled);
+        }
+        let mut noise = NoiseSums::new(n);
+        shares.iter().for_each(|(share, _)| noise.merge(share));
+        Ok(BakedTexels { indirect, noise, rays: shares.iter().map(|(_, rays)| rays).sum() })
+    }
+
+    fn mix(&self, sums: &LightSums, emission: Rgb, weight: f32, out: &mut [f32]) {
+        self.mixer.mix(&self.table, sums.sums(), emission, weight, out);
+    }
+}
+
+/// Path traces all `conditions` over the whole lightmap into memory.
 ///
 /// # Errors
 /// [`BakeError::Cancelled`] when `progress` says so.
@@ -59,56 +176,23 @@ pub fn bake(
     settings: &BakeSettings,
     progress: &dyn Progress,
 ) -> Result<Baked, BakeError> {
-    let table = LightTable::from_conditions(conditions);
-    let mixer = Mixer::new(conditions, &table);
-    let emitters = if mixer.wants_emission() { Emitters::new(tracer.asset()) } else { None };
-    let walk = Walk { tracer, emitters: emitters.as_ref(), max_bounces: settings.max_bounces };
-    let n = conditions.len();
-    let row = 3 * n;
-
-    let mut indirect = vec![0f32; lightmap.texels.len() * row];
-    progress.begin("bake", lightmap.texels.len() as u64, "texels");
-    // Each chunk's share of the noise is kept apart and summed in order, so that rounding does not depend on the threads.
-    let shares: Vec<(Noise, u64)> = indirect
-        .par_chunks_mut((CHUNK * row).max(1))
-        .enumerate()
-        .map_init(
-            || (LightSums::new(&table, tracer), vec![0f32; row]),
-            |(sums, first_half), (chunk, rows)| {
-                let mut noise = Noise::new(n);
-                let rays_before = sums.rays();
-                for (i, out) in rows.chunks_mut(row).enumerate() {
-                    let texel = chunk * CHUNK + i;
-                    let receivers = Receivers::new(tracer, lightmap, texel);
-                    let index = lightmap.texels[texel].index as u64;
-                    sums.clear();
-                    for path in 0..settings.paths {
-                        if path % PATHS_BETWEEN_CHECKS == 0 && progress.cancelled() {
-                            return (noise, sums.rays() - rays_before);
-                        }
-                        let mut sampler = Sampler::new(settings.seed, index, path);
-                        let [u0, u1, u2, u3] = sampler.next_4d();
-                        walk.from_receiver(&receivers.at([u0, u1]), Vec2::new(u2, u3), &mut sampler, sums);
-                        if path + 1 == settings.paths / 2 {
-                            mixer.mix(sums.sums(), sums.emission, 1.0 / (path + 1) as f32, first_half);
-                        }
-                    }
-                    mixer.mix(sums.sums(), sums.emission, 1.0 / settings.paths as f32, out);
-                    noise.add(out, first_half, settings.paths, lightmap.texels[texel].area);
-                    progress.advance(1);
-                }
-                (noise, sums.rays() - rays_before)
-            },
-        )
-        .collect();
-    progress.end();
-    if progress.cancelled() {
-        return Err(BakeError::Cancelled);
+    let baker = Baker::new(tracer, lightmap, conditions, settings, progress)?;
+    let texels = lightmap.texels.len();
+    let mut indirect = Vec::with_capacity(texels * 3 * conditions.len());
+    let (mut noise, mut rays) = (NoiseSums::new(conditions.len()), 0);
+    progress.begin("bake", texels as u64, "texels");
+    for start in (0..texels).step_by(TILE) {
+        let baked = baker.texels(start..(start + TILE).min(texels), progress);
+        if baked.is_err() {
+            progress.end();
+        }
+        let baked = baked?;
+        indirect.extend_from_slice(&baked.indirect);
+        noise.merge(&baked.noise);
+        rays += baked.rays;
     }
-    let mut noise = Noise::new(n);
-    shares.iter().for_each(|(share, _)| noise.merge(share));
-    let rays = shares.iter().map(|(_, rays)| rays).sum();
-    Ok(Baked { conditions: n, indirect, noise: noise.relative_rmse(), rays })
+    progress.end();
+    Ok(Baked { conditions: conditions.len(), indirect, noise: noise.relative_rmse(), rays })
 }
 
 /// Positions per texel at which its direct light is evaluated: enough to smooth a shadow's edge inside it.
@@ -126,7 +210,7 @@ pub fn bake_direct(
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, BakeError> {
     let table = LightTable::from_conditions(conditions);
-    let mixer = Mixer::new(conditions, &table);
+    let mixer = Mixer::new(conditions);
     let emitters = if mixer.wants_emission() { Emitters::new(tracer.asset()) } else { None };
     let walk = Walk { tracer, emitters: emitters.as_ref(), max_bounces: 0 };
     let row = 3 * conditions.len();
@@ -149,7 +233,7 @@ pub fn bake_direct(
                     walk.from_receiver(&receiver, Vec2::new(u2, u3), &mut sampler, sums);
                 }
             }
-            mixer.mix(sums.sums(), sums.direct_emission, 1.0 / DIRECT_SAMPLES as f32, out);
+            mixer.mix(&table, sums.sums(), sums.direct_emission, 1.0 / DIRECT_SAMPLES as f32, out);
             progress.advance(1);
         },
     );
@@ -176,21 +260,20 @@ impl<'a> Receivers<'a> {
 }
 
 /// From sums per light of unit colour to values per condition.
-struct Mixer<'t> {
-    table: &'t LightTable,
+struct Mixer {
     /// Per condition, the scale of the asset's own emission.
     emission: Vec<f32>,
     /// Indices of the lights that are gathered.
     punctual: Vec<usize>,
 }
 
-impl<'t> Mixer<'t> {
-    fn new(conditions: &[LightingCondition], table: &'t LightTable) -> Self {
+impl Mixer {
+    fn new(conditions: &[LightingCondition]) -> Self {
         let scale = |light: &Light| if let Light::Emissive { scale } = light { *scale } else { 0.0 };
         let emission = conditions.iter().map(|c| c.lights.iter().map(scale).sum()).collect();
         let lights = conditions.iter().flat_map(|c| &c.lights).enumerate();
         let punctual = lights.filter(|(_, l)| !matches!(l, Light::Emissive { .. })).map(|(i, _)| i).collect();
-        Self { table, emission, punctual }
+        Self { emission, punctual }
     }
 
     /// Whether any condition has the asset's own emission.
@@ -199,7 +282,7 @@ impl<'t> Mixer<'t> {
     }
 
     /// Writes `[channel][condition]`.
-    fn mix(&self, sums: &[Rgb], emission: Rgb, weight: f32, out: &mut [f32]) {
+    fn mix(&self, table: &LightTable, sums: &[Rgb], emission: Rgb, weight: f32, out: &mut [f32]) {
         let n = self.emission.len();
         for channel in 0..3 {
             for c in 0..n {
@@ -207,22 +290,24 @@ impl<'t> Mixer<'t> {
             }
         }
         for &light in &self.punctual {
-            let value = sums[light] * self.table.colour(light) * weight;
+            let value = sums[light] * table.colour(light) * weight;
             for channel in 0..3 {
-                out[channel * n + self.table.condition(light)] += value[channel];
+                out[channel * n + table.condition(light)] += value[channel];
             }
         }
     }
 }
 
-/// Squared noise and squared signal per condition, area weighted.
-struct Noise {
-    squared_noise: Vec<f64>,
-    squared_signal: Vec<f64>,
+/// Squared noise and squared signal per condition, area weighted, summed over texels and channels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoiseSums {
+    pub squared_noise: Vec<f64>,
+    pub squared_signal: Vec<f64>,
 }
 
-impl Noise {
-    fn new(n: usize) -> Self {
+impl NoiseSums {
+    /// Of `n` conditions and no texel.
+    pub fn new(n: usize) -> Self {
         Self { squared_noise: vec![0.0; n], squared_signal: vec![0.0; n] }
     }
 
@@ -240,14 +325,16 @@ impl Noise {
         }
     }
 
-    fn merge(&mut self, other: &Self) {
+    /// Adds the sums of other texels.
+    pub fn merge(&mut self, other: &Self) {
         for c in 0..self.squared_noise.len() {
             self.squared_noise[c] += other.squared_noise[c];
             self.squared_signal[c] += other.squared_signal[c];
         }
     }
 
-    fn relative_rmse(&self) -> Vec<f32> {
+    /// Per condition, noise over signal; 0 where there is no signal.
+    pub fn relative_rmse(&self) -> Vec<f32> {
         let ratio = |(&e, &s): (&f64, &f64)| if s > 0.0 { (e / s).sqrt() as f32 } else { 0.0 };
         self.squared_noise.iter().zip(&self.squared_signal).map(ratio).collect()
     }

@@ -6,6 +6,6 @@ pub mod emitters;
 pub mod path;
 pub mod reference;
 
-pub use bake::{BakeError, BakeSettings, Baked, bake, bake_direct};
+pub use bake::{BakeError, BakeSettings, Baked, BakedTexels, Baker, NoiseSums, TILE, bake, bake_direct};
 pub use emitters::Emitters;
 pub use path::{Collector, Walk};

@@ -43,7 +43,7 @@ impl Walk<'_, '_> {
         let direction = Frame::from_normal(from.normal).world_from_local(warp::sample_cosine_hemisphere(u));
         let throughput = Vec3::splat(std::f32::consts::PI);
         if let Some(emitters) = self.emitters
-            && let Some(to_light) = emitters.sample(self.tracer, from, sampler.next_4d())
+            && let Some(to_light) = emitters.sample(self.tracer, from, sampler.aside_4d())
         {
             let cos = to_light.direction.dot(from.normal).max(0.0);
             let weight = to_light.weight_against(warp::pdf_cosine_hemisphere(cos));
@@ -121,7 +121,7 @@ impl Walk<'_, '_> {
         collector: &mut impl Collector,
     ) {
         if let Some(emitters) = self.emitters
-            && let Some(to_light) = emitters.sample(self.tracer, surface, sampler.next_4d())
+            && let Some(to_light) = emitters.sample(self.tracer, surface, sampler.aside_4d())
         {
             let cos = to_light.direction.dot(surface.normal).max(0.0);
             let reflected = surface.bsdf.evaluate(surface.normal, to_previous, to_light.direction) * cos;
