@@ -10,9 +10,9 @@ use relight::model::Channels;
 use relight::progress::Silent;
 use relight::scene::{Asset, Lightmap, Tracer, UvPolicy, generate, lay_out};
 use relight::transfer::{Fit, Gram, Lambda, Method, TrainSettings};
-use relight::transport::{BakeSettings, bake};
+use relight::transport::{BakeSettings, Integrator, bake};
 
-const SETTINGS: BakeSettings = BakeSettings { paths: 16, max_bounces: 8, seed: 1 };
+const SETTINGS: BakeSettings = BakeSettings { paths: 16, max_bounces: 8, seed: 1, integrator: Integrator::Path };
 /// Texels on a side.
 const SIZE: u32 = 64;
 

@@ -9,6 +9,7 @@ use crate::light::Scenario;
 use crate::model::Channels;
 use crate::scene::{Asset, Camera, SceneError, UvPolicy, generate, load};
 use crate::transfer::{Lambda, Method};
+use crate::transport::Integrator;
 
 #[derive(Debug, thiserror::Error)]
 pub enum SceneFileError {
@@ -108,11 +109,13 @@ pub struct BakeSettings {
     pub max_bounces: u32,
     /// All randomness comes from this number.
     pub seed: u64,
+    /// How light is carried; `auto`: `gather` where every material is diffuse, else `path`.
+    pub integrator: Integrator,
 }
 
 impl Default for BakeSettings {
     fn default() -> Self {
-        Self { conditions: 256, held_out: 128, paths: 256, max_bounces: 32, seed: 1 }
+        Self { conditions: 256, held_out: 128, paths: 256, max_bounces: 32, seed: 1, integrator: Integrator::Auto }
     }
 }
 

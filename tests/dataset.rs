@@ -6,7 +6,7 @@ use glam::Vec3;
 use relight::light::{Light, LightingCondition};
 use relight::progress::Silent;
 use relight::scene::{Asset, Lightmap, Search, Tracer, UvPolicy, generate, lay_out};
-use relight::transport::{BakeSettings, Baker};
+use relight::transport::{BakeSettings, Baker, Integrator};
 
 const SIZE: u32 = 16;
 
@@ -41,7 +41,7 @@ fn conditions() -> Vec<LightingCondition> {
 
 /// Bits of I, `[condition][texel][channel]`, baked in batches of conditions and in ranges of texels.
 fn bits(tracer: &Tracer, lightmap: &Lightmap, seed: u64, batches: &[Range<usize>], cut: usize) -> Vec<Vec<u32>> {
-    let settings = BakeSettings { paths: 8, max_bounces: 6, seed };
+    let settings = BakeSettings { paths: 8, max_bounces: 6, seed, integrator: Integrator::Path };
     let (conditions, texels) = (conditions(), lightmap.texels.len());
     let mut out = vec![Vec::new(); conditions.len()];
     for batch in batches {

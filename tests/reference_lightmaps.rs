@@ -17,7 +17,7 @@ use libtest_mimic::Arguments;
 use relight::light::{Light, LightingCondition};
 use relight::progress::Silent;
 use relight::scene::{Asset, Lightmap, Tracer, load};
-use relight::transport::{BakeSettings, bake, bake_direct};
+use relight::transport::{BakeSettings, Integrator, bake, bake_direct};
 
 const CORNELL: &str = "CornellBox/CornellBox.glb";
 const MIXED: &str = "MixedLightingExample/MixedLightingExample.gltf";
@@ -202,7 +202,7 @@ impl Texels {
         let lightmap = Lightmap::new(&asset.mesh, size);
         let conditions = [LightingCondition { lights: lights.to_vec() }];
         // Blender's Cycles ends diffuse paths after four bounces unless told otherwise.
-        let settings = BakeSettings { paths, max_bounces: 4, seed: 1 };
+        let settings = BakeSettings { paths, max_bounces: 4, seed: 1, integrator: Integrator::Path };
         let indirect = bake(&tracer, &lightmap, &conditions, &settings, &Silent).unwrap().indirect;
         let direct = bake_direct(&tracer, &lightmap, &conditions, settings.seed, &Silent).unwrap();
 

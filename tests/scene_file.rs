@@ -14,7 +14,7 @@ use relight::scene_file::{
     AssetSettings, BakeSettings, LightmapSettings, MaterialPolicy, PointSettings, SceneFile, TrainSettings,
 };
 use relight::transfer::Method;
-use relight::transport::{self, bake, bake_direct};
+use relight::transport::{self, Integrator, bake, bake_direct};
 
 fn scenes() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
@@ -123,7 +123,7 @@ fn scene_file() -> impl Strategy<Value = SceneFile> {
             lightmap: LightmapSettings { size, uv: if second { UvPolicy::Unwrap } else { UvPolicy::Auto } },
             scenario,
             points: PointSettings { count, sub_points },
-            bake: BakeSettings { conditions, held_out, paths, max_bounces, seed },
+            bake: BakeSettings { conditions, held_out, paths, max_bounces, seed, .. },
             train: TrainSettings {
                 method: if belcour { Method::Belcour } else { Method::Linear },
                 basis,
@@ -164,7 +164,7 @@ fn bakes_have_the_same_bits_on_any_number_of_threads() {
     let run = |threads: usize, seed: u64| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let settings = transport::BakeSettings { paths: 16, max_bounces: 8, seed };
+            let settings = transport::BakeSettings { paths: 16, max_bounces: 8, seed, integrator: Integrator::Auto };
             let baked = bake(&tracer, &lightmap, &conditions, &settings, &Silent).unwrap();
             let direct = bake_direct(&tracer, &lightmap, &conditions, seed, &Silent).unwrap();
             let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();

@@ -59,6 +59,7 @@ impl From<BakeError> for Failure {
     fn from(error: BakeError) -> Self {
         match error {
             BakeError::Cancelled => Failure::Stopped,
+            BakeError::NotDiffuse { .. } => Failure::Input(error.to_string()),
         }
     }
 }
@@ -101,7 +102,7 @@ impl From<ReportError> for Failure {
         match error {
             ReportError::Transfer(error) => error.into(),
             ReportError::View(error) => error.into(),
-            ReportError::Cancelled => Failure::Stopped,
+            ReportError::Bake(error) => error.into(),
         }
     }
 }

@@ -61,7 +61,7 @@ impl Prepared {
 
     pub fn bake_settings(&self) -> BakeSettings {
         let bake = &self.scene.bake;
-        BakeSettings { paths: bake.paths, max_bounces: bake.max_bounces, seed: bake.seed }
+        BakeSettings { paths: bake.paths, max_bounces: bake.max_bounces, seed: bake.seed, integrator: bake.integrator }
     }
 
     /// Places points, draws conditions and bakes them.

@@ -36,20 +36,14 @@ pub enum ReportError {
     Transfer(#[from] TransferError),
     #[error(transparent)]
     View(#[from] ViewError),
-    #[error("stopped")]
-    Cancelled,
-}
-
-impl From<BakeError> for ReportError {
-    fn from(BakeError::Cancelled: BakeError) -> Self {
-        ReportError::Cancelled
-    }
+    #[error(transparent)]
+    Bake(#[from] BakeError),
 }
 
 impl From<PrtError> for ReportError {
     fn from(_: PrtError) -> Self {
         // The order is a constant of this file, in range.
-        ReportError::Cancelled
+        BakeError::Cancelled.into()
     }
 }
 

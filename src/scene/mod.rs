@@ -29,3 +29,4 @@ pub use mesh::{Aabb, Mesh};
 pub use surface::{Bsdf, Hit, Surface};
 pub use texels::{Fragment, Lightmap, Texel, TexelPoint, TexelSampler};
 pub use tracer::{Search, ShadowRays, Tracer, lanes, mask_of};
+pub use uv_check::charts;

@@ -189,7 +189,7 @@ fn shared_between_charts(mesh: &Mesh, uvs: &[Vec2], size: usize) -> f64 {
 }
 
 /// Per triangle, a number that triangles of one chart share: those connected through equal positions and coordinates.
-fn charts(mesh: &Mesh, uvs: &[Vec2]) -> Vec<u32> {
+pub fn charts(mesh: &Mesh, uvs: &[Vec2]) -> Vec<u32> {
     let key = |v: u32| (mesh.positions[v as usize].to_array(), uvs[v as usize].to_array());
     let bits = |v: u32| {
         let (p, uv) = key(v);

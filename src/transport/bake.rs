@@ -6,11 +6,12 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::conditions::LightSums;
+use super::gather::Gather;
 use super::{Emitters, Walk};
 use crate::light::{Light, LightTable, LightingCondition};
-use crate::math::{Rgb, Sampler};
+use crate::math::{LANES, Rgb, Sampler};
 use crate::progress::Progress;
-use crate::scene::{Asset, Lightmap, Surface, TexelSampler, Tracer};
+use crate::scene::{Asset, Lightmap, Reflectance, Surface, TexelSampler, Tracer};
 
 /// How the bake samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,17 +21,47 @@ pub struct BakeSettings {
     /// Reflections after which a path ends whatever it carries.
     pub max_bounces: u32,
     pub seed: u64,
+    pub integrator: Integrator,
+}
+
+/// How light is carried.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Integrator {
+    /// `gather` where every material is diffuse, else `path`.
+    #[default]
+    Auto,
+    /// Path tracing: unbiased, any material.
+    Path,
+    /// Radiosity between patches of texels, then a final gather: diffuse materials only, biased by the texels' size.
+    Gather,
+}
+
+impl Integrator {
+    /// [`Integrator::Path`] or [`Integrator::Gather`].
+    ///
+    /// # Errors
+    /// [`BakeError::NotDiffuse`] when `Gather` is asked for and a material is not diffuse.
+    pub fn for_asset(self, asset: &Asset) -> Result<Self, BakeError> {
+        let glossy = asset.materials.iter().find(|m| m.reflectance != Reflectance::Lambert);
+        match (self, glossy) {
+            (Integrator::Path, _) | (Integrator::Auto, Some(_)) => Ok(Integrator::Path),
+            (Integrator::Auto | Integrator::Gather, None) => Ok(Integrator::Gather),
+            (Integrator::Gather, Some(material)) => Err(BakeError::NotDiffuse { material: material.name.clone() }),
+        }
+    }
 }
 
 impl BakeSettings {
     /// Bytes that a bake needs for each condition of a batch, from which the size of batches under a memory ceiling follows:
     /// what a [`Baker`] of a lightmap with `texels` texels holds, and what [`Baker::texels`] makes of `tile` of them.
-    pub fn bytes_per_condition(&self, _texels: usize, tile: usize, lights: usize, threads: usize) -> usize {
+    pub fn bytes_per_condition(&self, texels: usize, tile: usize, lights: usize, threads: usize) -> usize {
         let row = 3 * size_of::<f32>();
         // Light table, colours and their doubles; per thread the sums of each light and the first half's row.
-        let lights = lights * (128 + threads * size_of::<Rgb>());
+        let lights_bytes = lights * (128 + 3 * threads * size_of::<Rgb>());
         let noise = (tile / CHUNK + 2 + threads) * 2 * size_of::<f64>();
-        tile * row + threads * row + lights + noise
+        let gather = if self.integrator == Integrator::Path { 0 } else { lights * Gather::bytes_per_light(texels) };
+        tile * row + threads * row + lights_bytes + noise + gather
     }
 }
 
@@ -60,6 +91,11 @@ pub struct BakedTexels {
 pub enum BakeError {
     #[error("stopped")]
     Cancelled,
+    #[error(
+        "the gather integrator needs diffuse materials, and \"{material}\" is not; use the path integrator, or \
+         materials = \"lambert\""
+    )]
+    NotDiffuse { material: String },
 }
 
 /// Paths after which a stop is asked for: some milliseconds.
@@ -84,6 +120,8 @@ pub struct Baker<'t, 'a> {
     table: LightTable,
     mixer: Mixer,
     emitters: Option<Emitters<'a>>,
+    /// Where that is the integrator.
+    gather: Option<Gather<'t, 'a>>,
 }
 
 impl<'t, 'a> Baker<'t, 'a> {
@@ -96,12 +134,24 @@ impl<'t, 'a> Baker<'t, 'a> {
         lightmap: &'t Lightmap,
         conditions: &[LightingCondition],
         settings: &BakeSettings,
-        _progress: &dyn Progress,
+        progress: &dyn Progress,
     ) -> Result<Self, BakeError> {
         let mixer = Mixer::new(conditions);
         let emitters = if mixer.wants_emission() { Emitters::new(tracer.asset()) } else { None };
         let table = LightTable::from_conditions(conditions);
-        Ok(Self { tracer, lightmap, settings: *settings, table, mixer, emitters })
+        let gather = match settings.integrator.for_asset(tracer.asset())? {
+            Integrator::Gather => {
+                let walk = Walk { tracer, emitters: emitters.as_ref(), max_bounces: settings.max_bounces };
+                Some(Gather::new(&walk, lightmap, &table, settings, progress)?)
+            }
+            _ => None,
+        };
+        Ok(Self { tracer, lightmap, settings: *settings, table, mixer, emitters, gather })
+    }
+
+    /// Rays of the preparation.
+    pub fn rays(&self) -> u64 {
+        self.gather.as_ref().map_or(0, |gather| gather.rays)
     }
 
     /// N.
@@ -114,6 +164,58 @@ impl<'t, 'a> Baker<'t, 'a> {
     /// # Errors
     /// [`BakeError::Cancelled`] when `progress` says so.
     pub fn texels(&self, range: Range<usize>, progress: &dyn Progress) -> Result<BakedTexels, BakeError> {
+        match &self.gather {
+            Some(gather) => self.gathered(gather, range, progress),
+            None => self.traced(range, progress),
+        }
+    }
+
+    fn gathered(
+        &self,
+        gather: &Gather<'t, 'a>,
+        range: Range<usize>,
+        progress: &dyn Progress,
+    ) -> Result<BakedTexels, BakeError> {
+        let (n, paths) = (self.conditions(), self.settings.paths as usize);
+        let row = 3 * n;
+        let walk =
+            Walk { tracer: self.tracer, emitters: self.emitters.as_ref(), max_bounces: self.settings.max_bounces };
+        let mut indirect = vec![0f32; range.len() * row];
+        let shares: Vec<(NoiseSums, u64)> = indirect
+            .par_chunks_mut((CHUNK * row).max(1))
+            .enumerate()
+            .map_init(
+                || {
+                    let lights = self.table.block_count() * LANES;
+                    (gather.gatherer(&walk, &self.table), vec![Rgb::ZERO; lights], vec![0f32; row])
+                },
+                |(gatherer, sums, first_half), (chunk, rows)| {
+                    let mut noise = NoiseSums::new(n);
+                    let rays_before = gatherer.rays();
+                    for (i, out) in rows.chunks_mut(row).enumerate() {
+                        if progress.cancelled() {
+                            break;
+                        }
+                        let texel = range.start + chunk * CHUNK + i;
+                        let points = self.lightmap.sampler(&self.tracer.asset().mesh, texel);
+                        gatherer.clear();
+                        gather.texel(&walk, texel, &points, 0..paths / 2, gatherer);
+                        let emission = gatherer.sums(sums);
+                        self.mixer.mix(&self.table, sums, emission, 1.0 / (paths / 2).max(1) as f32, first_half);
+                        gather.texel(&walk, texel, &points, paths / 2..paths, gatherer);
+                        let emission = gatherer.sums(sums);
+                        self.mixer.mix(&self.table, sums, emission, 1.0 / paths as f32, out);
+                        noise.add(out, first_half, paths as u32, self.lightmap.texels[texel].area);
+                        progress.advance(1);
+                    }
+                    (noise, gatherer.rays() - rays_before)
+                },
+            )
+            .collect();
+        self.assemble(indirect, shares, progress)
+    }
+
+    fn traced(&self, range: Range<usize>, progress: &dyn Progress) -> Result<BakedTexels, BakeError> {
         let (n, paths) = (self.conditions(), self.settings.paths);
         let row = 3 * n;
         let walk =
@@ -152,10 +254,19 @@ impl<'t, 'a> Baker<'t, 'a> {
                 },
             )
             .collect();
+        self.assemble(indirect, shares, progress)
+    }
+
+    fn assemble(
+        &self,
+        indirect: Vec<f32>,
+        shares: Vec<(NoiseSums, u64)>,
+        progress: &dyn Progress,
+    ) -> Result<BakedTexels, BakeError> {
         if progress.cancelled() {
             return Err(BakeError::Cancelled);
         }
-        let mut noise = NoiseSums::new(n);
+        let mut noise = NoiseSums::new(self.conditions());
         shares.iter().for_each(|(share, _)| noise.merge(share));
         Ok(BakedTexels { indirect, noise, rays: shares.iter().map(|(_, rays)| rays).sum() })
     }
@@ -179,7 +290,7 @@ pub fn bake(
     let baker = Baker::new(tracer, lightmap, conditions, settings, progress)?;
     let texels = lightmap.texels.len();
     let mut indirect = Vec::with_capacity(texels * 3 * conditions.len());
-    let (mut noise, mut rays) = (NoiseSums::new(conditions.len()), 0);
+    let (mut noise, mut rays) = (NoiseSums::new(conditions.len()), baker.rays());
     progress.begin("bake", texels as u64, "texels");
     for start in (0..texels).step_by(TILE) {
         let baked = baker.texels(start..(start + TILE).min(texels), progress);

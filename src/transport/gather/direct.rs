@@ -1,0 +1,78 @@
+//! The direct light of every light at every texel: the source of all that is gathered.
+
+use glam::Vec2;
+use rayon::prelude::*;
+
+use super::receiver;
+use super::rows::{Rows, narrowed, padded};
+use crate::light::LightTable;
+use crate::math::{Rgb, Sampler};
+use crate::progress::Progress;
+use crate::scene::Lightmap;
+use crate::transport::conditions::LightSums;
+use crate::transport::{BakeError, BakeSettings, Walk};
+
+/// Direct irradiance.
+pub struct Direct {
+    /// A row per texel, a column per light of unit colour, and after the table's last block one for the asset's own emission.
+    pub light: Rows,
+    pub rays: u64,
+}
+
+/// Rays of the final gather for each sample of a texel's direct light: hits average over many texels.
+const PATHS_PER_SAMPLE: u32 = 16;
+
+/// Separates these samples from those of the final gather.
+const DIRECT_STREAM: u64 = 0x6469_7265_6374;
+
+impl Direct {
+    pub fn new(
+        walk: &Walk,
+        lightmap: &Lightmap,
+        table: &LightTable,
+        settings: &BakeSettings,
+        progress: &dyn Progress,
+    ) -> Result<Self, BakeError> {
+        let samples = (settings.paths / PATHS_PER_SAMPLE).max(1);
+        let walk = Walk { max_bounces: 0, ..*walk };
+        let lights = LightSums::new(table, walk.tracer).sums().len();
+        let planes = if walk.emitters.is_some() { 3 } else { 1 };
+        let mut light = Rows::new(lightmap.texels.len(), planes, padded(lights + 1));
+        let (stride, columns) = (light.stride(), light.columns());
+        progress.begin("direct", lightmap.texels.len() as u64, "texels");
+        let rays = light.values_mut().par_chunks_mut(stride).enumerate().map_init(
+            || LightSums::new(table, walk.tracer),
+            |sums, (texel, row)| {
+                if progress.cancelled() {
+                    return 0;
+                }
+                let before = sums.rays();
+                let points = lightmap.sampler(&walk.tracer.asset().mesh, texel);
+                sums.clear();
+                for sample in 0..samples {
+                    let stream = lightmap.texels[texel].index as u64;
+                    let mut sampler = Sampler::new(settings.seed ^ DIRECT_STREAM, stream, sample);
+                    let [u0, u1, u2, u3] = sampler.next_4d();
+                    let receiver = receiver(walk.tracer, &points, [u0, u1]);
+                    sums.add_direct(&receiver);
+                    if walk.emitters.is_some() {
+                        walk.from_receiver(&receiver, Vec2::new(u2, u3), &mut sampler, sums);
+                    }
+                }
+                let weight = 1.0 / samples as f32;
+                let mut write = |column: usize, irradiance: Rgb| {
+                    for plane in 0..planes {
+                        row[plane * columns + column] = narrowed(irradiance[plane] * weight);
+                    }
+                };
+                sums.sums().iter().enumerate().for_each(|(column, &sum)| write(column, sum));
+                write(lights, sums.direct_emission);
+                progress.advance(1);
+                sums.rays() - before
+            },
+        );
+        let rays = rays.sum();
+        progress.end();
+        if progress.cancelled() { Err(BakeError::Cancelled) } else { Ok(Self { light, rays }) }
+    }
+}
