@@ -12,7 +12,7 @@ use libtest_mimic::{Arguments, Failed, Trial};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use relight::gpu::{Gpu, GpuError, Runtime};
-use relight::light::{Light, LightTable};
+use relight::light::{EmissionFacets, Light, LightTable};
 use relight::math::Rgb;
 use relight::model::{Channels, Model, Picture, Shown, View, ViewError};
 use relight::scene::{Camera, Tracer};
@@ -77,7 +77,10 @@ fn random_lights(count: usize) -> Vec<Light> {
 
 /// CPU exitance of each sub-point under each light alone: `[light][sub_point]`.
 fn exitance_of_each(model: &Model, tracer: &Tracer, lights: &[Light]) -> Vec<Vec<Rgb>> {
-    lights.iter().map(|light| model.points.sub_point_exitance(tracer, &LightTable::new([light]))).collect()
+    lights
+        .iter()
+        .map(|light| model.points.sub_point_exitance(tracer, &LightTable::new([light], &EmissionFacets::default())))
+        .collect()
 }
 
 /// Irradiance is I/d² times factors of at most one, each a few roundings away from its twin; the ramp between a spot's cones
@@ -89,7 +92,7 @@ fn measure_tolerance(light: &Light, position: Vec3, albedo: Rgb) -> f32 {
             (intensity / from.distance_squared(position), 1.0 / (inner.cos() - outer.cos()))
         }
         Light::Directional { intensity, .. } => (intensity, 0.0),
-        Light::Emissive { .. } => (0.0, 0.0),
+        _ => unreachable!("{light:?}"),
     };
     32.0 * EPSILON * (1.0 + scale) * reach * albedo.max_element()
 }
@@ -141,7 +144,7 @@ fn downsample() {
     let mut runtime = Runtime::new(&model).unwrap();
     let tracer = Tracer::new(&model.asset);
     let lights = room::lights();
-    let exitance = model.points.sub_point_exitance(&tracer, &LightTable::new(&lights));
+    let exitance = model.points.sub_point_exitance(&tracer, &LightTable::new(&lights, &EmissionFacets::default()));
     let cpu = model.points.average(&exitance);
     // A mean of k positive numbers: k roundings, one more for the division.
     let tolerance = (model.points.neighbours_per_point() + 1) as f32 * EPSILON;
@@ -203,7 +206,7 @@ fn basis_lookup() {
         let coefficients = room::coefficients(elements);
         let mut runtime = Runtime::new(&model).unwrap();
         let tracer = Tracer::new(&model.asset);
-        let no_lights = LightTable::new(&[]);
+        let no_lights = LightTable::new(&[], &EmissionFacets::default());
         let mut differences = |u: &[Rgb]| {
             runtime.set_coefficients(u);
             runtime.draw(&wall_view(), Shown::IndirectOnWhite).unwrap();

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use super::Failure;
-use crate::light::{Light, LightingCondition};
+use crate::light::{EnvironmentImages, Light, LightingCondition};
 use crate::scene::{Asset, Camera};
 use crate::scene_file::one_line as toml_error_line;
 
@@ -21,16 +21,19 @@ one of the asset's cameras, from 0";
 
 /// Reads the `--light` arguments.
 pub fn lights(arguments: &[String], asset: &Asset) -> Result<Vec<Light>, Failure> {
-    let mut lights = Vec::new();
+    let (mut lights, mut images) = (Vec::new(), EnvironmentImages::default());
     for argument in arguments {
-        let read = if argument == "asset" {
-            own_lights(asset)?
+        let (read, folder) = if argument == "asset" {
+            (own_lights(asset)?, Path::new(""))
         } else if argument.trim_start().starts_with('{') {
-            vec![inline("--light", argument)?]
+            (vec![inline("--light", argument)?], Path::new(""))
         } else {
-            from_file(Path::new(argument))?
+            let path = Path::new(argument);
+            (from_file(path)?, path.parent().unwrap_or(Path::new("")))
         };
-        for light in read {
+        for mut light in read {
+            // Paths in a file are relative to it.
+            images.ready(&mut light, folder).map_err(|e| Failure::Input(e.to_string()))?;
             let checked = light.validated().map_err(|why| Failure::Input(format!("--light {argument}: {why}")))?;
             lights.push(checked);
         }

@@ -6,8 +6,8 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::conditions::LightSums;
-use super::{Emitters, Walk};
-use crate::light::{Light, LightTable, LightingCondition};
+use super::Walk;
+use crate::light::{Emitters, LightSet, LightingCondition};
 use crate::math::{Rgb, Sampler};
 use crate::progress::Progress;
 use crate::scene::{Asset, Lightmap, Surface, TexelSampler, Tracer};
@@ -27,8 +27,8 @@ impl BakeSettings {
     /// what a [`Baker`] of a lightmap with `texels` texels holds, and what [`Baker::texels`] makes of `tile` of them.
     pub fn bytes_per_condition(&self, _texels: usize, tile: usize, lights: usize, threads: usize) -> usize {
         let row = 3 * size_of::<f32>();
-        // Light table, colours and their doubles; per thread the sums of each light and the first half's row.
-        let lights = lights * (128 + threads * size_of::<Rgb>());
+        // Light table, colours and their doubles; per thread the two sums of each light and the first half's row.
+        let lights = lights * (128 + threads * 2 * size_of::<Rgb>());
         let noise = (tile / CHUNK + 2 + threads) * 2 * size_of::<f64>();
         tile * row + threads * row + lights + noise
     }
@@ -81,8 +81,7 @@ pub struct Baker<'t, 'a> {
     tracer: &'t Tracer<'a>,
     lightmap: &'t Lightmap,
     settings: BakeSettings,
-    table: LightTable,
-    mixer: Mixer,
+    set: LightSet,
     emitters: Option<Emitters<'a>>,
 }
 
@@ -98,15 +97,14 @@ impl<'t, 'a> Baker<'t, 'a> {
         settings: &BakeSettings,
         _progress: &dyn Progress,
     ) -> Result<Self, BakeError> {
-        let mixer = Mixer::new(conditions);
-        let emitters = if mixer.wants_emission() { Emitters::new(tracer.asset()) } else { None };
-        let table = LightTable::from_conditions(conditions);
-        Ok(Self { tracer, lightmap, settings: *settings, table, mixer, emitters })
+        let set = LightSet::from_conditions(conditions);
+        let emitters = if set.wants_emission() { Emitters::new(tracer.asset()) } else { None };
+        Ok(Self { tracer, lightmap, settings: *settings, set, emitters })
     }
 
     /// N.
     pub fn conditions(&self) -> usize {
-        self.mixer.emission.len()
+        self.set.condition_count()
     }
 
     /// Bakes a range of the lightmap's texels, each of which advances `progress` by one.
@@ -124,7 +122,7 @@ impl<'t, 'a> Baker<'t, 'a> {
             .par_chunks_mut((CHUNK * row).max(1))
             .enumerate()
             .map_init(
-                || (LightSums::new(&self.table, self.tracer), vec![0f32; row]),
+                || (LightSums::new(&self.set, self.tracer), vec![0f32; row]),
                 |(sums, first_half), (chunk, rows)| {
                     let mut noise = NoiseSums::new(n);
                     let rays_before = sums.rays();
@@ -141,10 +139,10 @@ impl<'t, 'a> Baker<'t, 'a> {
                             let [u0, u1, u2, u3] = sampler.next_4d();
                             walk.from_receiver(&receivers.at([u0, u1]), Vec2::new(u2, u3), &mut sampler, sums);
                             if path + 1 == paths / 2 {
-                                self.mix(sums, sums.emission, 1.0 / (path + 1) as f32, first_half);
+                                sums.indirect.mix(&self.set, 1.0 / (path + 1) as f32, first_half);
                             }
                         }
-                        self.mix(sums, sums.emission, 1.0 / paths as f32, out);
+                        sums.indirect.mix(&self.set, 1.0 / paths as f32, out);
                         noise.add(out, first_half, paths, self.lightmap.texels[texel].area);
                         progress.advance(1);
                     }
@@ -158,10 +156,6 @@ impl<'t, 'a> Baker<'t, 'a> {
         let mut noise = NoiseSums::new(n);
         shares.iter().for_each(|(share, _)| noise.merge(share));
         Ok(BakedTexels { indirect, noise, rays: shares.iter().map(|(_, rays)| rays).sum() })
-    }
-
-    fn mix(&self, sums: &LightSums, emission: Rgb, weight: f32, out: &mut [f32]) {
-        self.mixer.mix(&self.table, sums.sums(), emission, weight, out);
     }
 }
 
@@ -209,15 +203,14 @@ pub fn bake_direct(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, BakeError> {
-    let table = LightTable::from_conditions(conditions);
-    let mixer = Mixer::new(conditions);
-    let emitters = if mixer.wants_emission() { Emitters::new(tracer.asset()) } else { None };
+    let set = LightSet::from_conditions(conditions);
+    let emitters = if set.wants_emission() { Emitters::new(tracer.asset()) } else { None };
     let walk = Walk { tracer, emitters: emitters.as_ref(), max_bounces: 0 };
     let row = 3 * conditions.len();
     let mut direct = vec![0f32; lightmap.texels.len() * row];
     progress.begin("direct", lightmap.texels.len() as u64, "texels");
     direct.par_chunks_mut(row.max(1)).enumerate().for_each_init(
-        || LightSums::new(&table, tracer),
+        || LightSums::new(&set, tracer),
         |sums, (texel, out)| {
             if progress.cancelled() {
                 return;
@@ -227,13 +220,9 @@ pub fn bake_direct(
             for sample in 0..DIRECT_SAMPLES {
                 let mut sampler = Sampler::new(seed, lightmap.texels[texel].index as u64, sample);
                 let [u0, u1, u2, u3] = sampler.next_4d();
-                let receiver = receivers.at([u0, u1]);
-                sums.add_direct(&receiver);
-                if emitters.is_some() {
-                    walk.from_receiver(&receiver, Vec2::new(u2, u3), &mut sampler, sums);
-                }
+                sums.add_direct(&walk, &receivers.at([u0, u1]), Vec2::new(u2, u3), &mut sampler);
             }
-            mixer.mix(&table, sums.sums(), sums.direct_emission, 1.0 / DIRECT_SAMPLES as f32, out);
+            sums.direct.mix(&set, 1.0 / DIRECT_SAMPLES as f32, out);
             progress.advance(1);
         },
     );
@@ -256,45 +245,6 @@ impl<'a> Receivers<'a> {
     fn at(&self, u: [f32; 2]) -> Surface {
         let point = self.points.sample(u);
         self.asset.surface(point.triangle as usize, point.u, point.v, Vec3::ZERO)
-    }
-}
-
-/// From sums per light of unit colour to values per condition.
-struct Mixer {
-    /// Per condition, the scale of the asset's own emission.
-    emission: Vec<f32>,
-    /// Indices of the lights that are gathered.
-    punctual: Vec<usize>,
-}
-
-impl Mixer {
-    fn new(conditions: &[LightingCondition]) -> Self {
-        let scale = |light: &Light| if let Light::Emissive { scale } = light { *scale } else { 0.0 };
-        let emission = conditions.iter().map(|c| c.lights.iter().map(scale).sum()).collect();
-        let lights = conditions.iter().flat_map(|c| &c.lights).enumerate();
-        let punctual = lights.filter(|(_, l)| !matches!(l, Light::Emissive { .. })).map(|(i, _)| i).collect();
-        Self { emission, punctual }
-    }
-
-    /// Whether any condition has the asset's own emission.
-    fn wants_emission(&self) -> bool {
-        self.emission.iter().any(|&scale| scale != 0.0)
-    }
-
-    /// Writes `[channel][condition]`.
-    fn mix(&self, table: &LightTable, sums: &[Rgb], emission: Rgb, weight: f32, out: &mut [f32]) {
-        let n = self.emission.len();
-        for channel in 0..3 {
-            for c in 0..n {
-                out[channel * n + c] = self.emission[c] * emission[channel] * weight;
-            }
-        }
-        for &light in &self.punctual {
-            let value = sums[light] * table.colour(light) * weight;
-            for channel in 0..3 {
-                out[channel * n + table.condition(light)] += value[channel];
-            }
-        }
     }
 }
 

@@ -2,10 +2,9 @@
 
 pub mod bake;
 pub mod conditions;
-pub mod emitters;
 pub mod path;
 pub mod reference;
 
 pub use bake::{BakeError, BakeSettings, Baked, BakedTexels, Baker, NoiseSums, TILE, bake, bake_direct};
-pub use emitters::Emitters;
+pub use conditions::{Collected, LightSums};
 pub use path::{Collector, Walk};
