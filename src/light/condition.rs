@@ -260,3 +260,42 @@ impl From<&PunctualLight> for Light {
 pub struct LightingCondition {
     pub lights: Vec<Light>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Light, String> {
+        serde_json::from_str::<Light>(text).map_err(|e| e.to_string()).and_then(Light::validated)
+    }
+
+    #[test]
+    fn lights_are_read_with_their_defaults() {
+        let rect =
+            read(r#"{"type":"rect","position":[0,2,0],"direction":[0,-2,0],"size":[1,2],"radiance":5}"#).unwrap();
+        let ([u, v], area) = rect.half_axes().unwrap();
+        // A lamp that shines down has its height along z.
+        assert_eq!((u.abs(), v.abs(), area), (Vec3::X * 0.5, Vec3::Z, 2.0));
+        let sky = read(r#"{"type":"sky","sun_elevation":0.8}"#).unwrap();
+        assert_eq!(sky, Light::Sky(Sky::at(0.8)));
+        assert_eq!(serde_json::from_value::<Light>(serde_json::to_value(&sky).unwrap()).unwrap(), sky);
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_light_is_said() {
+        for (text, part) in [
+            (r#"{"type":"rect","position":[0,0,0],"direction":[0,1,0],"size":[1,0],"radiance":1}"#, "size 0"),
+            (r#"{"type":"rect","position":[0,0,0],"direction":[0,0,0],"size":[1,1],"radiance":1}"#, "direction"),
+            (r#"{"type":"rect","position":[0,0,0],"direction":[0,1,0],"size":[1,1],"intensity":1}"#, "intensity"),
+            (r#"{"type":"disk","position":[0,0,0],"direction":[0,1,0],"radius":-1,"radiance":1}"#, "radius -1"),
+            (r#"{"type":"sphere","position":[0,0,0],"radius":1,"radiance":-1}"#, "radiance -1"),
+            (r#"{"type":"sky","sun_elevation":2}"#, "sun_elevation 2"),
+            (r#"{"type":"sky","sun_elevation":1,"turbidity":30}"#, "turbidity 30"),
+            (r#"{"type":"sky","sun_elevation":1,"haze":3}"#, "haze"),
+            (r#"{"type":"environment"}"#, "image"),
+        ] {
+            let error = read(text).unwrap_err();
+            assert!(error.contains(part) && !error.contains('\n'), "{text}: {error}");
+        }
+    }
+}

@@ -446,6 +446,49 @@ mod tests {
     }
 
     #[test]
+    fn every_kind_is_drawn_with_lights_that_hold() {
+        let mut asset = cornell();
+        let scenario = Scenario {
+            kinds: KindWeights { rect: 1.0, disk: 1.0, sphere: 1.0, sky: 1.0, emissive: 1.0, ..Default::default() },
+            lights_per_condition: [1, 3],
+            ..Default::default()
+        };
+        asset.materials.iter_mut().for_each(|m| m.emissive = Vec3::ZERO);
+        let dark = scenario.sampler(&Tracer::new(&asset)).map(|_| ()).unwrap_err();
+        assert_eq!(dark, ScenarioError::NothingEmits);
+        asset.materials[0].emissive = Vec3::ONE;
+        let tracer = Tracer::new(&asset);
+        let conditions = scenario.sampler(&tracer).unwrap().conditions(3, 400).unwrap();
+        let mut counts = [0; 5];
+        for light in conditions.iter().flat_map(|c| &c.lights) {
+            let valid = light.clone().validated().unwrap();
+            let kind = match valid {
+                Light::Rect { .. } => 0,
+                Light::Disk { .. } => 1,
+                Light::Sphere { .. } => 2,
+                Light::Sky(sky) => {
+                    // Level ground gets what the scenario says.
+                    let lux = luminance(sky.illuminance()) * sky.intensity;
+                    assert!((1.49..6.01).contains(&lux), "{lux}");
+                    3
+                }
+                Light::Emissive { .. } => 4,
+                other => unreachable!("{other:?} has no weight"),
+            };
+            counts[kind] += 1;
+        }
+        // About 800 lights, a fifth of each kind: σ = 11.3.
+        assert!(counts.iter().all(|&n| (n - 160i32).abs() < 60), "{counts:?}");
+        let missing = Scenario {
+            kinds: KindWeights { environment: 1.0, ..Default::default() },
+            environments: vec!["absent.exr".into()],
+            ..Default::default()
+        };
+        let error = missing.sampler(&tracer).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("absent.exr"), "{error}");
+    }
+
+    #[test]
     fn kinds_and_colours_follow_their_weights() {
         let asset = cornell();
         let tracer = Tracer::new(&asset);

@@ -172,3 +172,77 @@ fn read_exr(path: &Path) -> Result<Pixels, String> {
 fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn exr(path: &Path, size: (usize, usize), colour: impl Fn(usize, usize) -> (f32, f32, f32) + Sync) {
+        exr::prelude::write_rgb_file(path, size.0, size.1, colour).unwrap();
+    }
+
+    #[test]
+    fn a_file_is_read_once_and_shared() {
+        let folder = tempfile::tempdir().unwrap();
+        exr(&folder.path().join("map.exr"), (8, 4), |x, y| (x as f32, y as f32, -1.0));
+        let mut images = EnvironmentImages::default();
+        let text = r#"{ "type": "environment", "image": "map.exr", "rotation": 1.5 }"#;
+        let mut lights: [Light; 2] = std::array::from_fn(|_| serde_json::from_str(text).unwrap());
+        lights.iter_mut().for_each(|light| images.ready(light, folder.path()).unwrap());
+        let [Light::Environment { image: a, .. }, Light::Environment { image: b, .. }] = &lights else { panic!() };
+        assert!(Arc::ptr_eq(a.map(), b.map()));
+        let texels: Vec<Rgb> = a.map().radiances().collect();
+        // Values below zero count as none.
+        assert_eq!(
+            (texels.len(), texels[3], texels[8 * 3 + 7]),
+            (32, Vec3::new(3.0, 0.0, 0.0), Vec3::new(7.0, 3.0, 0.0))
+        );
+        // What is written is the path.
+        let written = serde_json::to_value(&lights[0]).unwrap();
+        assert_eq!(written["image"], folder.path().join("map.exr").to_str().unwrap());
+        let back: Light = serde_json::from_value(written).unwrap();
+        assert_eq!(back, lights[0]);
+    }
+
+    #[test]
+    fn a_large_image_is_averaged_and_keeps_its_light() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.exr");
+        let colour = |x: usize, y: usize| ((x % 7) as f32, if (x, y) == (700, 300) { 1e5 } else { 0.1 }, 1.0);
+        exr(&path, (1500, 750), colour);
+        let map = EnvironmentImages::default().read(&path).unwrap();
+        assert_eq!((map.map().width(), map.map().height()), (1024, 512));
+        let pixels = (0..1500 * 750).map(|i| colour(i % 1500, i / 1500).into()).collect();
+        let fine = EnvironmentMap::new(1500, 750, pixels);
+        assert!((map.map().mean() - fine.mean()).abs().max_element() < 1e-4 * fine.mean().max_element());
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_in_one_line_that_names_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        exr(&at("square.exr"), (4, 4), |_, _| (1.0, 1.0, 1.0));
+        exr(&at("nan.exr"), (8, 4), |x, y| (if (x, y) == (5, 2) { f32::NAN } else { 1.0 }, 1.0, 1.0));
+        exr(&at("black.exr"), (8, 4), |_, _| (0.0, 0.0, 0.0));
+        exr(&at("good.exr"), (64, 32), |x, y| ((x * y) as f32, 1.0, 1.0));
+        let whole = std::fs::read(at("good.exr")).unwrap();
+        std::fs::write(at("cut.exr"), &whole[..whole.len() / 2]).unwrap();
+        std::fs::write(at("text.hdr"), "not an image").unwrap();
+        std::fs::write(at("empty.hdr"), "").unwrap();
+        std::fs::write(at("map.png"), "").unwrap();
+        for (name, part) in [
+            ("square.exr", "4 x 4"),
+            ("nan.exr", "column 5, row 2"),
+            ("black.exr", "black"),
+            ("cut.exr", "cannot be read"),
+            ("text.hdr", "cannot be read"),
+            ("empty.hdr", "cannot be read"),
+            ("map.png", ".hdr nor .exr"),
+            ("absent.exr", "cannot be read"),
+        ] {
+            let error = EnvironmentImages::default().read(&at(name)).unwrap_err().to_string();
+            assert!(error.contains(name) && error.contains(part) && !error.contains('\n'), "{error}");
+        }
+        assert!(EnvironmentImages::default().read(&at("good.exr")).is_ok());
+    }
+}
