@@ -36,6 +36,19 @@ def rgb(value):
 
 
 def emitter(light):
+    area = lambda: {"type": "area", "radiance": rgb(light["radiance"])}
+    if light["type"] in ("rect", "disk"):
+        columns = np.eye(4)
+        columns[:3, 0], columns[:3, 1], columns[:3, 2] = light["u"], light["v"], light["normal"]
+        columns[:3, 3] = light["position"]
+        shape = {"rect": "rectangle", "disk": "disk"}[light["type"]]
+        return {"type": shape, "to_world": mi.ScalarTransform4f(columns.tolist()), "emitter": area()}
+    if light["type"] == "sphere":
+        return {"type": "sphere", "center": light["position"], "radius": light["radius"], "emitter": area()}
+    if light["type"] == "environment":
+        shape = (light["height"], light["width"], 3)
+        pixels = np.fromfile(light["file"], "<f4").reshape(shape)
+        return {"type": "envmap", "bitmap": mi.Bitmap(pixels)}
     colour = np.array(light.get("color", [1, 1, 1])) * light["intensity"]
     if light.get("range") is not None:
         raise ValueError("Mitsuba's lights have no range")
@@ -59,19 +72,6 @@ def emitter(light):
             "cutoff_angle": cutoff,
             "beam_width": cutoff * (1 - 1e-6),
         }
-    area = lambda: {"type": "area", "radiance": rgb(light["radiance"])}
-    if light["type"] in ("rect", "disk"):
-        columns = np.eye(4)
-        columns[:3, 0], columns[:3, 1], columns[:3, 2] = light["u"], light["v"], light["normal"]
-        columns[:3, 3] = light["position"]
-        shape = {"rect": "rectangle", "disk": "disk"}[light["type"]]
-        return {"type": shape, "to_world": mi.ScalarTransform4f(columns.tolist()), "emitter": area()}
-    if light["type"] == "sphere":
-        return {"type": "sphere", "center": light["position"], "radius": light["radius"], "emitter": area()}
-    if light["type"] == "environment":
-        shape = (light["height"], light["width"], 3)
-        pixels = np.fromfile(light["file"], "<f4").reshape(shape)
-        return {"type": "envmap", "bitmap": mi.Bitmap(pixels)}
     raise ValueError(f"light type {light['type']}")
 
 
