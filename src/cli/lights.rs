@@ -12,8 +12,10 @@ use crate::scene_file::one_line as toml_error_line;
 
 /// Help for `--light`.
 pub const LIGHT_HELP: &str = "A light, as TOML or JSON in the words of KHR_lights_punctual, e.g. \
-'{type=\"spot\", position=[0,2,0], direction=[0,-1,0], intensity=100}'; a .toml or .json file with a list `lights`; or `asset` for \
-the lights of the asset's own file. May be given several times";
+'{type=\"spot\", position=[0,2,0], direction=[0,-1,0], intensity=100}', with the types point, spot, directional (candela, lux), \
+rect (position, direction, size=[w,h], radiance), disk and sphere (radius, radiance; nit), environment (image=\"map.hdr\", rotation, \
+intensity), sky (sun_elevation, sun_azimuth, turbidity, intensity; radians) and emissive (scale); a .toml or .json file with a list \
+`lights`; or `asset` for the lights of the asset's own file. May be given several times";
 
 /// Help for `--camera`.
 pub const CAMERA_HELP: &str = "A camera, as TOML or JSON, e.g. '{eye=[0,1,5], target=[0,1,0], vertical_fov=40}', or the number of \

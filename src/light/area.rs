@@ -180,7 +180,7 @@ impl AreaTable {
 
 /// `u` as the light of this slot takes it.
 pub(super) fn slot_shift(u: Vec2, slot: u32) -> Vec2 {
-    (u + slot as f32 * Vec2::new(0.754_877_67, 0.569_840_3)).fract()
+    (u + slot as f32 * Vec2::new(0.754_877_7, 0.569_840_3)).fract()
 }
 
 impl FlatBlock {

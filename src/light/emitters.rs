@@ -130,7 +130,7 @@ impl EmissionFacets {
         for k in 0..FACETS {
             let triangle = emitters.at_share((k as f32 + 0.5) / FACETS as f32);
             // Points of the R2 sequence (Roberts 2018), the most even that grows one by one.
-            let u = Vec2::new(0.5 + 0.754_877_67 * k as f32, 0.5 + 0.569_840_3 * k as f32).fract();
+            let u = Vec2::new(0.5 + 0.754_877_7 * k as f32, 0.5 + 0.569_840_3 * k as f32).fract();
             let b = warp::sample_uniform_triangle(u);
             let [p0, p1, p2] = asset.mesh.triangle_positions(triangle);
             let material = &asset.materials[asset.mesh.triangle_materials[triangle] as usize];
