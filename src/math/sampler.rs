@@ -18,11 +18,7 @@ impl Sampler {
     /// The generator of `sample` in `stream` (a texel, a pixel, a light) of the run that `seed` names.
     pub fn new(seed: u64, stream: u64, sample: u32) -> Self {
         let scramble = mix64(mix64(seed) ^ stream ^ ((sample / SAMPLES_PER_SCRAMBLE) as u64) << 48);
-        Self {
-            seed: (scramble ^ (scramble >> 32)) as u32,
-            sample: sample % SAMPLES_PER_SCRAMBLE,
-            dimension_set: 0,
-        }
+        Self { seed: (scramble ^ (scramble >> 32)) as u32, sample: sample % SAMPLES_PER_SCRAMBLE, dimension_set: 0 }
     }
 
     /// A generator for choices beside the path, such as samples of lights, at the place where this one stands. Its numbers

@@ -5,8 +5,8 @@ use std::ops::Range;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::conditions::LightSums;
 use super::Walk;
+use super::conditions::LightSums;
 use crate::light::{Emitters, LightSet, LightingCondition};
 use crate::math::{Rgb, Sampler};
 use crate::progress::Progress;
