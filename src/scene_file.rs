@@ -173,10 +173,10 @@ impl SceneFile {
         let mut scene: Self = toml::from_str(&text)
             .map_err(|e| SceneFileError::Parse { path: path.to_owned(), message: one_line(&text, &e) })?;
         // Paths in the file are relative to it.
-        if let Some(asset) = &mut scene.asset.path
-            && let Some(folder) = path.parent()
-        {
-            *asset = folder.join(&asset);
+        if let Some(folder) = path.parent() {
+            for place in scene.asset.path.iter_mut().chain(&mut scene.scenario.environments) {
+                *place = folder.join(&place);
+            }
         }
         Ok(scene)
     }

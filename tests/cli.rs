@@ -486,7 +486,14 @@ fn bad_lights_and_cameras_are_said_in_one_line() {
     light("{type=\"point\", position=[0,0,0], intensity=1, colour=[1,1,1]}", "unknown field `colour`");
     light("{\"type\":\"point\",\"position\":[0,0,0]}", "missing field `intensity`");
     light("{type=\"point\"", "--light {type=\"point\": ");
-    light("{type=\"emissive\"}", "--reference");
+    light(
+        "{type=\"rect\", position=[0,1,0], direction=[0,-1,0], size=[1,0], radiance=1}",
+        "size 0 must be finite and positive",
+    );
+    light("{type=\"sky\", sun_elevation=2}", "sun_elevation 2 must be in 0 to");
+    light("{type=\"environment\", image=\"gone.hdr\"}", "gone.hdr: cannot be read as an environment");
+    work.put("noise.exr", "not an image");
+    light("{type=\"environment\", image=\"noise.exr\"}", "noise.exr: cannot be read as an environment");
     work.put("l.toml", "# lamps\n[[lights]]\ntype = \"point\"\nposition = [0, 0\n");
     light("l.toml", "l.toml: line 4: ");
     work.put("l.json", "{\"lights\": [\n{\"type\": \"point\"}]}");

@@ -12,7 +12,7 @@ use libtest_mimic::{Arguments, Failed, Trial};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use relight::gpu::{Gpu, GpuError, Runtime};
-use relight::light::{Light, LightTable};
+use relight::light::{EmissionFacets, EnvironmentImage, EnvironmentMap, Light, LightTable, Sky};
 use relight::math::Rgb;
 use relight::model::{Channels, Model, Picture, Shown, View, ViewError};
 use relight::scene::{Camera, Tracer};
@@ -37,6 +37,7 @@ fn main() {
     };
     let trials = vec![
         trial("measure_matches_direct_light_of_every_kind", measure),
+        trial("measure_matches_for_lights_of_many_parts", measure_parts),
         trial("downsample_averages_the_same_neighbours", downsample),
         trial("transfer_matches_for_mono_multi_and_mean", transfer),
         trial("basis_lookup_matches", basis_lookup),
@@ -77,7 +78,10 @@ fn random_lights(count: usize) -> Vec<Light> {
 
 /// CPU exitance of each sub-point under each light alone: `[light][sub_point]`.
 fn exitance_of_each(model: &Model, tracer: &Tracer, lights: &[Light]) -> Vec<Vec<Rgb>> {
-    lights.iter().map(|light| model.points.sub_point_exitance(tracer, &LightTable::new([light]))).collect()
+    lights
+        .iter()
+        .map(|light| model.points.sub_point_exitance(tracer, &LightTable::new([light], &EmissionFacets::default())))
+        .collect()
 }
 
 /// Irradiance is I/d² times factors of at most one, each a few roundings away from its twin; the ramp between a spot's cones
@@ -89,7 +93,7 @@ fn measure_tolerance(light: &Light, position: Vec3, albedo: Rgb) -> f32 {
             (intensity / from.distance_squared(position), 1.0 / (inner.cos() - outer.cos()))
         }
         Light::Directional { intensity, .. } => (intensity, 0.0),
-        Light::Emissive { .. } => (0.0, 0.0),
+        _ => unreachable!("{light:?}"),
     };
     32.0 * EPSILON * (1.0 + scale) * reach * albedo.max_element()
 }
@@ -136,12 +140,53 @@ fn measure() {
     assert!(control > lit / 2, "a light a thousandth brighter goes unnoticed: {control} of {lit}");
 }
 
+/// Area lights, environments, skies: what stands for them is the same on both sides.
+fn measure_parts() {
+    let model = room::model(Channels::Mono, 4, false);
+    let mut runtime = Runtime::new(&model).unwrap();
+    let tracer = Tracer::new(&model.asset);
+    let (position, direction, color) = (Vec3::new(0.2, 1.6, 0.3), Vec3::NEG_Y, Vec3::new(1.0, 0.8, 0.6));
+    let map = EnvironmentMap::new(8, 4, (0..32).map(|i| Vec3::new(1.0, 0.1 * i as f32, 0.5)).collect());
+    let image = EnvironmentImage::from_map("map", map);
+    let lights = [
+        Light::Rect { position, direction, up: Vec3::Y, size: [0.5, 0.3], color, radiance: 10.0 },
+        Light::Disk { position, direction: Vec3::new(0.6, -0.8, 0.0), radius: 0.2, color, radiance: 10.0 },
+        Light::Sphere { position, radius: 0.15, color, radiance: 10.0 },
+        Light::Environment { image, rotation: 1.0, color, intensity: 1.0 },
+        Light::Sky(Sky { sun_azimuth: 2.5, intensity: 1e-4, ..Sky::at(0.6) }),
+    ];
+    let cpu = exitance_of_each(&model, &tracer, &lights);
+    let mut farther = Tracer::new(&model.asset);
+    farther.offset *= 2.0;
+    let moved = exitance_of_each(&model, &farther, &lights);
+    for (l, light) in lights.iter().enumerate() {
+        let gpu = runtime.sub_point_exitance(std::slice::from_ref(light)).unwrap();
+        let (mut compared, mut lit, mut control) = (0, 0, 0);
+        for s in 0..gpu.len() {
+            let (want, got) = (cpu[l][s], gpu[s]);
+            // A part of at least a hundredth of what arrives is seen or hidden by the ray's offset alone.
+            if (want - moved[l][s]).abs().max_element() > 2e-3 * want.max_element() {
+                continue;
+            }
+            // Sums of at most 65 parts, each with the roundings of one light: they cancel as those of a random walk do.
+            let tolerance = 64.0 * EPSILON * want.max_element() + 1e-9;
+            compared += 1;
+            lit += (want != Vec3::ZERO) as usize;
+            assert!((got - want).abs().max_element() <= tolerance, "light {l}, {s}: GPU {got}, CPU {want}");
+            control += ((got - want * 1.001).abs().max_element() > tolerance) as usize;
+        }
+        // The sub-points of partial light see many parts: some of these graze.
+        assert!(compared > gpu.len() * 4 / 5 && lit > gpu.len() / 10, "light {l}: {compared} compared, {lit} lit");
+        assert!(control == lit, "light {l}: a light a thousandth brighter goes unnoticed");
+    }
+}
+
 fn downsample() {
     let model = room::model(Channels::Mono, 4, false);
     let mut runtime = Runtime::new(&model).unwrap();
     let tracer = Tracer::new(&model.asset);
     let lights = room::lights();
-    let exitance = model.points.sub_point_exitance(&tracer, &LightTable::new(&lights));
+    let exitance = model.points.sub_point_exitance(&tracer, &LightTable::new(&lights, &EmissionFacets::default()));
     let cpu = model.points.average(&exitance);
     // A mean of k positive numbers: k roundings, one more for the division.
     let tolerance = (model.points.neighbours_per_point() + 1) as f32 * EPSILON;
@@ -203,7 +248,7 @@ fn basis_lookup() {
         let coefficients = room::coefficients(elements);
         let mut runtime = Runtime::new(&model).unwrap();
         let tracer = Tracer::new(&model.asset);
-        let no_lights = LightTable::new(&[]);
+        let no_lights = LightTable::new(&[], &EmissionFacets::default());
         let mut differences = |u: &[Rgb]| {
             runtime.set_coefficients(u);
             runtime.draw(&wall_view(), Shown::IndirectOnWhite).unwrap();

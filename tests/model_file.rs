@@ -15,7 +15,7 @@ use half::f16;
 use libtest_mimic::{Arguments, Failed, Trial};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use relight::light::LightTable;
+use relight::light::{EmissionFacets, LightTable};
 use relight::math::Rgb;
 use relight::model::{Channels, Model};
 use relight::scene::Tracer;
@@ -125,7 +125,9 @@ fn survives(bytes: &[u8], what: &str) -> bool {
     let outcome = catch_unwind(AssertUnwindSafe(|| {
         let model = loaded(bytes)?;
         let tracer = Tracer::new(&model.asset);
-        let u = model.transfer.coefficients(&model.points.direct(&tracer, &LightTable::new(&room::lights())));
+        let u = model
+            .transfer
+            .coefficients(&model.points.direct(&tracer, &LightTable::new(&room::lights(), &EmissionFacets::default())));
         model.basis.sample(glam::Vec2::splat(0.5), &u);
         Ok::<_, String>(())
     }));

@@ -3,11 +3,10 @@
 use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
-use relight::light::{Light, LightTable};
+use relight::light::{Emitters, Light, LightSet};
 use relight::math::{Sampler, warp};
 use relight::scene::{Asset, Material, Mesh, Surface, Tracer};
-use relight::transport::conditions::LightSums;
-use relight::transport::{Emitters, Walk};
+use relight::transport::{LightSums, Walk};
 
 const SEED: u64 = 7;
 
@@ -80,10 +79,10 @@ fn random_receiver(asset: &Asset, sampler: &mut Sampler) -> Surface {
 /// Path-traced irradiance (direct emission, indirect emission, indirect light of `lights`) at `count` receivers.
 fn irradiances(asset: &Asset, lights: &[Light], count: u32, receiver: Option<Surface>) -> [Vec<f64>; 3] {
     let tracer = Tracer::new(asset);
-    let table = LightTable::new(lights);
+    let set = LightSet::new(lights);
     let emitters = Emitters::new(asset);
     let walk = Walk { tracer: &tracer, emitters: emitters.as_ref(), max_bounces: 200 };
-    let mut sums = LightSums::new(&table, &tracer);
+    let mut sums = LightSums::new(&set, &tracer);
     let mut out: [Vec<f64>; 3] = Default::default();
     for i in 0..count {
         let mut sampler = Sampler::new(SEED, i as u64, 0);
@@ -91,9 +90,9 @@ fn irradiances(asset: &Asset, lights: &[Light], count: u32, receiver: Option<Sur
         let [u0, u1, ..] = sampler.next_4d();
         sums.clear();
         walk.from_receiver(&from, Vec2::new(u0, u1), &mut sampler, &mut sums);
-        out[0].push(sums.direct_emission.x as f64);
-        out[1].push(sums.emission.x as f64);
-        let light: f32 = lights.iter().enumerate().map(|(l, light)| (sums.sums()[l] * light.radiant()).x).sum();
+        out[0].push(sums.direct.emission.x as f64);
+        out[1].push(sums.indirect.emission.x as f64);
+        let light: f32 = sums.indirect.lights.iter().enumerate().map(|(l, &sum)| (sum * set.colour(l)).x).sum();
         out[2].push(light as f64);
     }
     out

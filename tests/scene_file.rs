@@ -84,12 +84,17 @@ fn scenario() -> impl Strategy<Value = Scenario> {
         Just(Color::White),
         (range(0.0, 1.0), range(0.0, 1.0)).prop_map(|(hue, saturation)| Color::Random { hue, saturation }),
     ];
-    let kinds = (0f32..9.0, 0.1f32..9.0, 0f32..9.0);
-    let kinds = kinds.prop_map(|(point, spot, directional)| KindWeights { point, spot, directional });
+    let kinds = (0f32..9.0, 0.1f32..9.0, 0f32..9.0, 0f32..9.0, any::<[bool; 5]>());
+    let kinds = kinds.prop_map(|(point, spot, directional, rect, others)| {
+        let [disk, sphere, environment, sky, emissive] = others.map(|present| present as u32 as f32);
+        KindWeights { point, spot, directional, rect, disk, sphere, environment, sky, emissive }
+    });
+    let skies = (range(0.0, 1.5), range(1.7, 10.0), range(0.0, 1.0), range(1e-3, 1e3));
+    let others = (skies, proptest::option::of(range(0.01, 9.0)), any::<bool>());
     let some = (proptest::option::of(range(1e-6, 1e9)), proptest::option::of(0f32..10.0), range(1e-3, 1e6));
     let angles = (range(0.001, 1.57), range(0.0, 1.0), prop_oneof![Just(Sky::Above), Just(Sky::Everywhere)]);
-    ((1u32..1025, 1u32..1025), kinds, position(), aim, color, some, angles).prop_map(
-        |((a, b), kinds, position, aim, color, (intensity, clearance, illuminance), angles)| Scenario {
+    ((1u32..1025, 1u32..1025), kinds, position(), aim, color, some, angles, others).prop_map(
+        |((a, b), kinds, position, aim, color, (intensity, clearance, illuminance), angles, others)| Scenario {
             lights_per_condition: [a.min(b), a.max(b)],
             kinds,
             position,
@@ -101,6 +106,12 @@ fn scenario() -> impl Strategy<Value = Scenario> {
             illuminance,
             color,
             clearance,
+            size: others.1,
+            environments: if others.2 { vec![PathBuf::from("maps/\"λ\".exr")] } else { Vec::new() },
+            sun_elevation: others.0.0,
+            turbidity: others.0.1,
+            ground_albedo: others.0.2,
+            emission: others.0.3,
         },
     )
 }
@@ -123,7 +134,7 @@ fn scene_file() -> impl Strategy<Value = SceneFile> {
             lightmap: LightmapSettings { size, uv: if second { UvPolicy::Unwrap } else { UvPolicy::Auto } },
             scenario,
             points: PointSettings { count, sub_points },
-            bake: BakeSettings { conditions, held_out, paths, max_bounces, seed, .. },
+            bake: BakeSettings { conditions, held_out, paths, max_bounces, seed, integrator: Integrator::Auto },
             train: TrainSettings {
                 method: if belcour { Method::Belcour } else { Method::Linear },
                 basis,

@@ -63,7 +63,7 @@ fn rust_and_wgsl_structs_agree() {
         ),
         (
             "Light",
-            layout_of!(GpuLight { position, local, direction, inverse_range4, radiant, cone_scale, cone_offset }),
+            layout_of!(GpuLight { position, local, direction, inverse_range4, radiant, cone_scale, cone_offset, lobe }),
         ),
         ("Vertex", layout_of!(Vertex { position, normal, colour, uv0, uv1, lightmap_uv })),
         ("Triangle", layout_of!(Triangle { vertices, material })),

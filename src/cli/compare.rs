@@ -9,7 +9,7 @@ use super::pipeline::{Prepared, Trained};
 use super::{Failure, Reporter};
 use crate::dataset::{Dataset, Draw};
 use crate::light::scenario::{KindWeights, Sky};
-use crate::light::{LightTable, Scenario};
+use crate::light::{EmissionFacets, LightTable, Scenario};
 use crate::model::Model;
 use crate::progress::Progress;
 use crate::report::Row;
@@ -117,7 +117,7 @@ fn distant(
     let draw = Draw { scenario: &scenario, training: bake.conditions.min(192), held_out: bake.held_out.min(96) };
     let settings = prepared.bake_settings();
     let conditions = draw.conditions(tracer, settings.seed)?;
-    let table = LightTable::from_conditions(&conditions);
+    let table = LightTable::from_conditions(&conditions, &EmissionFacets::of(&prepared.asset));
     let points = &trained.model.points;
     let direct = points.direct_matrix(tracer, &table);
     let n = conditions.len();

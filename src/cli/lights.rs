@@ -6,14 +6,16 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use super::Failure;
-use crate::light::{Light, LightingCondition};
+use crate::light::{EnvironmentImages, Light, LightingCondition};
 use crate::scene::{Asset, Camera};
 use crate::scene_file::one_line as toml_error_line;
 
 /// Help for `--light`.
 pub const LIGHT_HELP: &str = "A light, as TOML or JSON in the words of KHR_lights_punctual, e.g. \
-'{type=\"spot\", position=[0,2,0], direction=[0,-1,0], intensity=100}'; a .toml or .json file with a list `lights`; or `asset` for \
-the lights of the asset's own file. May be given several times";
+'{type=\"spot\", position=[0,2,0], direction=[0,-1,0], intensity=100}', with the types point, spot, directional (candela, lux), \
+rect (position, direction, size=[w,h], radiance), disk and sphere (radius, radiance; nit), environment (image=\"map.hdr\", rotation, \
+intensity), sky (sun_elevation, sun_azimuth, turbidity, intensity; radians) and emissive (scale); a .toml or .json file with a list \
+`lights`; or `asset` for the lights of the asset's own file. May be given several times";
 
 /// Help for `--camera`.
 pub const CAMERA_HELP: &str = "A camera, as TOML or JSON, e.g. '{eye=[0,1,5], target=[0,1,0], vertical_fov=40}', or the number of \
@@ -21,16 +23,19 @@ one of the asset's cameras, from 0";
 
 /// Reads the `--light` arguments.
 pub fn lights(arguments: &[String], asset: &Asset) -> Result<Vec<Light>, Failure> {
-    let mut lights = Vec::new();
+    let (mut lights, mut images) = (Vec::new(), EnvironmentImages::default());
     for argument in arguments {
-        let read = if argument == "asset" {
-            own_lights(asset)?
+        let (read, folder) = if argument == "asset" {
+            (own_lights(asset)?, Path::new(""))
         } else if argument.trim_start().starts_with('{') {
-            vec![inline("--light", argument)?]
+            (vec![inline("--light", argument)?], Path::new(""))
         } else {
-            from_file(Path::new(argument))?
+            let path = Path::new(argument);
+            (from_file(path)?, path.parent().unwrap_or(Path::new("")))
         };
-        for light in read {
+        for mut light in read {
+            // Paths in a file are relative to it.
+            images.ready(&mut light, folder).map_err(|e| Failure::Input(e.to_string()))?;
             let checked = light.validated().map_err(|why| Failure::Input(format!("--light {argument}: {why}")))?;
             lights.push(checked);
         }

@@ -77,11 +77,6 @@ impl Render {
         let lights = lights(&self.lights, &model.asset)?;
         let view = View::new(camera(self.camera.as_deref(), &model.asset)?, self.size.0, self.size.1);
         view.pinhole()?;
-        if !self.reference && lights.iter().any(|l| matches!(l, Light::Emissive { .. })) {
-            return Err(Failure::Input(
-                "a model relights with point, spot and directional lights; add --reference to path trace emissive surfaces".into(),
-            ));
-        }
         let start = Instant::now();
         let (picture, renderer) = self.picture(&model, &view, &lights, reporter)?;
         let seconds = start.elapsed().as_secs_f64();

@@ -1,7 +1,7 @@
 //! Bakes a dataset: draws the conditions, measures D, path traces I.
 
 use super::Dataset;
-use crate::light::{LightTable, LightingCondition, Scenario, ScenarioError};
+use crate::light::{EmissionFacets, LightTable, LightingCondition, Scenario, ScenarioError};
 use crate::math::sampler::mix64;
 use crate::measure::MeasurementPoints;
 use crate::progress::Progress;
@@ -44,7 +44,8 @@ impl Dataset {
         settings: &BakeSettings,
         progress: &dyn Progress,
     ) -> Result<Self, BakeError> {
-        let direct = points.direct_matrix(tracer, &LightTable::from_conditions(&conditions));
+        let emission = EmissionFacets::of(tracer.asset());
+        let direct = points.direct_matrix(tracer, &LightTable::from_conditions(&conditions, &emission));
         let baked = transport::bake(tracer, lightmap, &conditions, settings, progress)?;
         Ok(Self {
             training,

@@ -31,7 +31,8 @@ pub struct GpuLight {
     pub radiant: [f32; 3],
     pub cone_scale: f32,
     pub cone_offset: f32,
-    pub _pad: [u32; 3],
+    pub lobe: f32,
+    pub _pad: [u32; 2],
 }
 
 /// `shaders/scene.wgsl`: Vertex.

@@ -9,7 +9,7 @@ use super::bvh::FlatBvh;
 use super::device::{Gpu, GpuError};
 use super::layout::{Blocker, FrameUniforms, GpuLight, GpuMaterial, Triangle, Vertex};
 use super::textures::{Pages, srgb_table};
-use crate::light::{Light, LightTable};
+use crate::light::{EmissionFacets, Light, LightTable};
 use crate::scene::{Asset, Material, Mesh, Reflectance};
 
 /// Vertices to draw with one pipeline: three a triangle.
@@ -29,6 +29,8 @@ pub struct Scene {
     buffers: [wgpu::Buffer; 6],
     pages: Pages,
     lights: wgpu::Buffer,
+    /// What stands for the asset's own emission.
+    emission: EmissionFacets,
 }
 
 impl Scene {
@@ -63,12 +65,12 @@ impl Scene {
         let lights = gpu.storage::<GpuLight>("the lights", &[])?;
         let layout = layout(gpu);
         let bind_group = bind(gpu, &layout, &frame, &lights, &buffers, &pages);
-        Ok(Self { layout, bind_group, frame, batches, buffers, pages, lights })
+        Ok(Self { layout, bind_group, frame, batches, buffers, pages, lights, emission: EmissionFacets::of(asset) })
     }
 
-    /// Uploads `lights`, those that the path tracer alone knows left out; returns how many there are.
+    /// Uploads what stands for `lights`; returns how many entries that makes.
     pub fn set_lights(&mut self, gpu: &Gpu, lights: &[Light]) -> Result<u32, GpuError> {
-        let entries = gpu_lights(lights);
+        let entries = gpu_lights(lights, &self.emission);
         let bytes: &[u8] = bytemuck::cast_slice(&entries);
         if bytes.len() as u64 > self.lights.size() {
             self.lights = gpu.storage("the lights", &entries)?;
@@ -132,8 +134,8 @@ fn gpu_material(asset: &Asset, pages: &Pages, material: &Material) -> GpuMateria
     }
 }
 
-fn gpu_lights(lights: &[Light]) -> Vec<GpuLight> {
-    let table = LightTable::new(lights.iter().filter(|light| !matches!(light, Light::Emissive { .. })));
+fn gpu_lights(lights: &[Light], emission: &EmissionFacets) -> Vec<GpuLight> {
+    let table = LightTable::new(lights, emission);
     (0..table.len)
         .map(|i| {
             let entry = table.entry(i);
@@ -145,7 +147,8 @@ fn gpu_lights(lights: &[Light]) -> Vec<GpuLight> {
                 radiant: table.colour(i).to_array(),
                 cone_scale: entry.cone_scale,
                 cone_offset: entry.cone_offset,
-                _pad: [0; 3],
+                lobe: entry.lobe,
+                _pad: [0; 2],
             }
         })
         .collect()

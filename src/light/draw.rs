@@ -1,11 +1,14 @@
 //! Draws lighting conditions from a [`Scenario`].
 
+use std::f32::consts::{PI, TAU};
+
 use glam::{Vec2, Vec3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::scenario::{Aim, Color, Position, Scenario, ScenarioError, Sky};
-use super::{Light, LightingCondition};
+use super::scenario::{Aim, Color, Kind, Position, Scenario, ScenarioError, Sky as Directions};
+use super::{EmissionFacets, EnvironmentError, EnvironmentImage, EnvironmentImages, Light, LightingCondition, Sky};
+use crate::math::colour::luminance;
 use crate::math::sampler::mix64;
 use crate::math::{Rgb, warp};
 use crate::scene::proximity::Proximity;
@@ -26,6 +29,10 @@ pub struct ScenarioSampler<'t, 'a> {
     clearance: f32,
     /// Candela.
     intensity: [f32; 2],
+    /// Metres.
+    size: [f32; 2],
+    /// With the illuminance of each on a level surface under a mean sky of the same radiance.
+    environments: Vec<(EnvironmentImage, f32)>,
     /// `cumulative[t]`: area of the triangles 0..=t.
     cumulative_area: Vec<f64>,
 }
@@ -34,7 +41,8 @@ impl Scenario {
     /// Readies the scenario for an asset.
     ///
     /// # Errors
-    /// [`ScenarioError::Setting`] for a setting out of range, [`ScenarioError::NoSurface`] for an asset without area.
+    /// [`ScenarioError`]: a setting out of range, an environment that cannot be read, an asset without area, or without
+    /// emission where that is asked for.
     pub fn sampler<'t, 'a>(&self, tracer: &'t Tracer<'a>) -> Result<ScenarioSampler<'t, 'a>, ScenarioError> {
         self.validate()?;
         let mesh = &tracer.asset().mesh;
@@ -48,14 +56,29 @@ impl Scenario {
         if !total.is_finite() || total <= 0.0 {
             return Err(ScenarioError::NoSurface);
         }
+        if self.kinds.emissive > 0.0 && EmissionFacets::of(tracer.asset()).0.is_empty() {
+            return Err(ScenarioError::NothingEmits);
+        }
+        let mut images = EnvironmentImages::default();
+        let wanted = if self.kinds.environment > 0.0 { &self.environments[..] } else { &[] };
+        let environments = wanted
+            .iter()
+            .map(|path| {
+                let image = images.read(path)?;
+                let mean = PI * luminance(image.map().mean());
+                Ok((image, mean))
+            })
+            .collect::<Result<_, EnvironmentError>>()?;
         // π lux at half the extent, so that a white surface there has a radiance of about 1.
-        let usual = std::f32::consts::PI * (0.5 * tracer.extent).powi(2);
+        let usual = PI * (0.5 * tracer.extent).powi(2);
         Ok(ScenarioSampler {
             tracer,
             proximity: Proximity::new(mesh),
             bounds: mesh.bounds(),
             clearance: self.clearance.unwrap_or(CLEARANCE * tracer.extent),
             intensity: self.intensity.unwrap_or([0.5 * usual, 2.0 * usual]),
+            size: self.size.unwrap_or([0.05 * tracer.extent, 0.2 * tracer.extent]),
+            environments,
             cumulative_area,
             scenario: self.clone(),
         })
@@ -84,24 +107,82 @@ impl ScenarioSampler<'_, '_> {
     }
 
     fn light(&self, random: &mut Random) -> Result<Light, ScenarioError> {
-        let kinds = self.scenario.kinds;
-        let kind = random.unit() * (kinds.point + kinds.spot + kinds.directional);
+        let kind = self.kind(random);
         let color = self.color(random);
-        if kind < kinds.directional {
-            let from = warp::sample_uniform_sphere(random.square());
-            let from = if self.scenario.sky == Sky::Above { from.with_y(from.y.abs()) } else { from };
-            let intensity = random.log_uniform(self.scenario.illuminance);
-            return Ok(Light::Directional { direction: -from, color, intensity });
+        let scenario = &self.scenario;
+        match kind {
+            Kind::Directional => {
+                let from = warp::sample_uniform_sphere(random.square());
+                let from = if scenario.sky == Directions::Above { from.with_y(from.y.abs()) } else { from };
+                let intensity = random.log_uniform(scenario.illuminance);
+                return Ok(Light::Directional { direction: -from, color, intensity });
+            }
+            Kind::Environment => {
+                let choice = (random.unit() * self.environments.len() as f32) as usize;
+                let (image, mean) = &self.environments[choice.min(self.environments.len() - 1)];
+                let rotation = random.within([0.0, TAU]);
+                let intensity = random.log_uniform(scenario.illuminance) / mean;
+                return Ok(Light::Environment { image: image.clone(), rotation, color, intensity });
+            }
+            Kind::Sky => {
+                let mut sky = Sky {
+                    sun_azimuth: random.within([0.0, TAU]),
+                    turbidity: random.within(scenario.turbidity),
+                    ground_albedo: random.within(scenario.ground_albedo),
+                    color,
+                    ..Sky::at(random.within(scenario.sun_elevation))
+                };
+                sky.intensity = random.log_uniform(scenario.illuminance) / luminance(sky.illuminance());
+                return Ok(Light::Sky(sky));
+            }
+            Kind::Emissive => return Ok(Light::Emissive { scale: random.log_uniform(scenario.emission) }),
+            Kind::Point | Kind::Spot | Kind::Rect | Kind::Disk | Kind::Sphere => {}
         }
         let position = self.position(random)?;
         let intensity = random.log_uniform(self.intensity);
-        if kind < kinds.directional + kinds.point {
+        if kind == Kind::Point {
             return Ok(Light::Point { position, color, intensity, range: None });
         }
-        let outer_cone_angle = random.within(self.scenario.outer_cone_angle);
-        let inner_cone_angle = outer_cone_angle * random.within(self.scenario.inner_cone);
-        let direction = self.direction(position, random);
-        Ok(Light::Spot { position, direction, color, intensity, range: None, inner_cone_angle, outer_cone_angle })
+        if kind == Kind::Spot {
+            let outer_cone_angle = random.within(scenario.outer_cone_angle);
+            let inner_cone_angle = outer_cone_angle * random.within(scenario.inner_cone);
+            let direction = self.direction(position, random);
+            return Ok(Light::Spot {
+                position,
+                direction,
+                color,
+                intensity,
+                range: None,
+                inner_cone_angle,
+                outer_cone_angle,
+            });
+        }
+        let size = [random.log_uniform(self.size), random.log_uniform(self.size)];
+        let radius = 0.5 * size[0];
+        let disk_area = PI * radius * radius;
+        Ok(match kind {
+            Kind::Sphere => Light::Sphere { position, radius, color, radiance: intensity / disk_area },
+            Kind::Disk => {
+                let direction = self.direction(position, random);
+                Light::Disk { position, direction, radius, color, radiance: intensity / disk_area }
+            }
+            _ => {
+                let direction = self.direction(position, random);
+                let up = warp::sample_uniform_sphere(random.square());
+                Light::Rect { position, direction, up, size, color, radiance: intensity / (size[0] * size[1]) }
+            }
+        })
+    }
+
+    fn kind(&self, random: &mut Random) -> Kind {
+        let kinds = self.scenario.kinds.all();
+        let mut rest = random.unit() * kinds.iter().map(|(_, weight)| weight).sum::<f32>();
+        let drawn = kinds.iter().find(|&&(_, weight)| {
+            rest -= weight;
+            rest < 0.0
+        });
+        // Rounding may leave a rest: then it is the last kind of any weight.
+        drawn.or_else(|| kinds.iter().rfind(|(_, weight)| *weight > 0.0)).map_or(Kind::Spot, |&(kind, _)| kind)
     }
 
     fn color(&self, random: &mut Random) -> Rgb {
@@ -263,7 +344,7 @@ mod tests {
     fn a_condition_depends_on_seed_and_index_alone() {
         let asset = cornell();
         let tracer = Tracer::new(&asset);
-        let kinds = KindWeights { point: 1.0, spot: 1.0, directional: 1.0 };
+        let kinds = KindWeights { point: 1.0, spot: 1.0, directional: 1.0, ..Default::default() };
         let scenario = Scenario { lights_per_condition: [1, 4], kinds, ..Default::default() };
         let few = scenario.sampler(&tracer).unwrap().conditions(1, 10).unwrap();
         let sampler = scenario.sampler(&tracer).unwrap();
@@ -365,11 +446,54 @@ mod tests {
     }
 
     #[test]
+    fn every_kind_is_drawn_with_lights_that_hold() {
+        let mut asset = cornell();
+        let scenario = Scenario {
+            kinds: KindWeights { rect: 1.0, disk: 1.0, sphere: 1.0, sky: 1.0, emissive: 1.0, ..Default::default() },
+            lights_per_condition: [1, 3],
+            ..Default::default()
+        };
+        asset.materials.iter_mut().for_each(|m| m.emissive = Vec3::ZERO);
+        let dark = scenario.sampler(&Tracer::new(&asset)).map(|_| ()).unwrap_err();
+        assert_eq!(dark, ScenarioError::NothingEmits);
+        asset.materials[0].emissive = Vec3::ONE;
+        let tracer = Tracer::new(&asset);
+        let conditions = scenario.sampler(&tracer).unwrap().conditions(3, 400).unwrap();
+        let mut counts = [0; 5];
+        for light in conditions.iter().flat_map(|c| &c.lights) {
+            let valid = light.clone().validated().unwrap();
+            let kind = match valid {
+                Light::Rect { .. } => 0,
+                Light::Disk { .. } => 1,
+                Light::Sphere { .. } => 2,
+                Light::Sky(sky) => {
+                    // Level ground gets what the scenario says.
+                    let lux = luminance(sky.illuminance()) * sky.intensity;
+                    assert!((1.49..6.01).contains(&lux), "{lux}");
+                    3
+                }
+                Light::Emissive { .. } => 4,
+                other => unreachable!("{other:?} has no weight"),
+            };
+            counts[kind] += 1;
+        }
+        // About 800 lights, a fifth of each kind: σ = 11.3.
+        assert!(counts.iter().all(|&n| (n - 160i32).abs() < 60), "{counts:?}");
+        let missing = Scenario {
+            kinds: KindWeights { environment: 1.0, ..Default::default() },
+            environments: vec!["absent.exr".into()],
+            ..Default::default()
+        };
+        let error = missing.sampler(&tracer).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("absent.exr"), "{error}");
+    }
+
+    #[test]
     fn kinds_and_colours_follow_their_weights() {
         let asset = cornell();
         let tracer = Tracer::new(&asset);
         let scenario = Scenario {
-            kinds: KindWeights { point: 1.0, spot: 2.0, directional: 1.0 },
+            kinds: KindWeights { point: 1.0, spot: 2.0, directional: 1.0, ..Default::default() },
             color: Color::Random { hue: [0.0, 0.0], saturation: [0.5, 0.5] },
             ..Default::default()
         };
@@ -383,7 +507,7 @@ mod tests {
                     assert!(direction.y <= 0.0);
                     (2, color)
                 }
-                Light::Emissive { .. } => unreachable!("scenarios have punctual lights alone"),
+                other => unreachable!("{other:?} has no weight"),
             };
             counts[kind] += 1.0;
             assert!((*color - Vec3::new(1.0, 0.5, 0.5)).length() < 1e-5, "{color}");

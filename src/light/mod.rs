@@ -1,13 +1,31 @@
 //! Light kinds in glTF's units, the lighting condition, and the scenarios that conditions are drawn from.
+//!
+//! Light is evaluated in two ways. A [`LightTable`] holds a fixed set of points and directions that stands for all lights,
+//! area lights and environments included: the same wherever direct light is measured or shaded, on the CPU and the GPU. A
+//! [`LightSet`] is for path tracing: area lights and environments are sampled anew at each surface point.
 
+pub mod area;
 pub mod condition;
 pub mod draw;
+pub mod emitters;
+pub mod environment;
+pub mod facets;
 pub mod gather;
+pub mod image;
+pub mod sampled;
 pub mod scenario;
+pub mod set;
+pub mod sky;
 pub mod table;
 
 pub use condition::{Light, LightingCondition};
 pub use draw::ScenarioSampler;
+pub use emitters::{EmissionFacets, Emitters};
+pub use environment::EnvironmentMap;
 pub use gather::{Arrived, LightGather};
+pub use image::{EnvironmentError, EnvironmentImage, EnvironmentImages};
+pub use sampled::{Sampled, SampledGather};
 pub use scenario::{Scenario, ScenarioError};
-pub use table::LightTable;
+pub use set::LightSet;
+pub use sky::Sky;
+pub use table::{LightEntry, LightTable};

@@ -1,8 +1,12 @@
 //! Scenarios: the distribution that lighting conditions are drawn from. This file holds the settings; [`super::draw`]
 //! draws from them.
 
+use std::path::PathBuf;
+
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
+
+use super::EnvironmentError;
 
 /// A distribution of lighting conditions, as a scene file's `[scenario]` describes it. Ranges are `[low, high]`; a value is
 /// uniform between them unless said otherwise.
@@ -13,9 +17,9 @@ pub struct Scenario {
     pub lights_per_condition: [u32; 2],
     /// How often each kind of light is drawn, relative to the others. Default: spot lights alone.
     pub kinds: KindWeights,
-    /// Where point and spot lights stand. Default `"near"`.
+    /// Where all lights but distant ones stand. Default `"near"`.
     pub position: Position,
-    /// What spot lights shine at. Default `"surface"`.
+    /// What spot lights, rectangles and disks shine at. Default `"surface"`.
     pub aim: Aim,
     /// Where directional lights come from. Default `"above"`.
     pub sky: Sky,
@@ -23,18 +27,35 @@ pub struct Scenario {
     pub outer_cone_angle: [f32; 2],
     /// A spot light's inner cone angle as a fraction of its outer one. Default `[0.5, 0.9]`.
     pub inner_cone: [f32; 2],
-    /// Intensity of point and spot lights, candela, uniform in its logarithm. Default: about one lux × π at half the
-    /// asset's extent, within a factor of two.
+    /// Intensity of lights that stand somewhere, candela, uniform in its logarithm: that along the axis for rectangles and
+    /// disks. Default: about one lux × π at half the asset's extent, within a factor of two.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub intensity: Option<[f32; 2]>,
-    /// Illuminance of directional lights, lux, uniform in its logarithm. Default `[1.5, 6.0]`: about π within a
-    /// factor of two.
+    /// Illuminance of distant lights, lux, uniform in its logarithm: of directional ones on a surface that faces them, of
+    /// skies with their sun on level ground, of environments their mean radiance times π. Default `[1.5, 6.0]`: about π
+    /// within a factor of two.
     pub illuminance: [f32; 2],
     /// Colours of the lights. Default `"white"`.
     pub color: Color,
-    /// Metres between a point or spot light and the nearest surface, at least. Default: one twentieth of the asset's extent.
+    /// Metres between a light's middle and the nearest surface, at least. Default: one twentieth of the asset's extent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clearance: Option<f32>,
+    /// Width and height of rectangles and diameter of disks and spheres, metres, uniform in the logarithm. Default: from one
+    /// twentieth to one fifth of the asset's extent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size: Option<[f32; 2]>,
+    /// Environments, one of which each environment light shows, turned at random: .hdr or .exr files, relative to the scene
+    /// file.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub environments: Vec<PathBuf>,
+    /// Radians of the sun of skies above the horizon; it stands in any direction. Default `[0.1, 1.4]`.
+    pub sun_elevation: [f32; 2],
+    /// Turbidity of skies: 2 is very clear, 6 hazy. Default `[2.0, 6.0]`.
+    pub turbidity: [f32; 2],
+    /// What the ground under skies reflects. Default `[0.1, 0.3]`.
+    pub ground_albedo: [f32; 2],
+    /// What the emission of the asset's own surfaces is multiplied with, uniform in its logarithm. Default `[0.5, 2.0]`.
+    pub emission: [f32; 2],
 }
 
 /// Weights of the kinds of light; those not named are not drawn.
@@ -44,6 +65,46 @@ pub struct KindWeights {
     pub point: f32,
     pub spot: f32,
     pub directional: f32,
+    pub rect: f32,
+    pub disk: f32,
+    pub sphere: f32,
+    /// One of the scenario's environments.
+    pub environment: f32,
+    /// A clear sky with its sun.
+    pub sky: f32,
+    /// The asset's own emissive surfaces.
+    pub emissive: f32,
+}
+
+/// The kinds of light that are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Directional,
+    Point,
+    Spot,
+    Rect,
+    Disk,
+    Sphere,
+    Environment,
+    Sky,
+    Emissive,
+}
+
+impl KindWeights {
+    /// Every kind and its weight.
+    pub fn all(&self) -> [(Kind, f32); 9] {
+        [
+            (Kind::Directional, self.directional),
+            (Kind::Point, self.point),
+            (Kind::Spot, self.spot),
+            (Kind::Rect, self.rect),
+            (Kind::Disk, self.disk),
+            (Kind::Sphere, self.sphere),
+            (Kind::Environment, self.environment),
+            (Kind::Sky, self.sky),
+            (Kind::Emissive, self.emissive),
+        ]
+    }
 }
 
 /// Distribution of positions.
@@ -127,6 +188,12 @@ impl Default for Scenario {
             illuminance: [1.5, 6.0],
             color: Color::White,
             clearance: None,
+            size: None,
+            environments: Vec::new(),
+            sun_elevation: [0.1, 1.4],
+            turbidity: [2.0, 6.0],
+            ground_albedo: [0.1, 0.3],
+            emission: [0.5, 2.0],
         }
     }
 }
@@ -134,6 +201,10 @@ impl Default for Scenario {
 /// Why a scenario cannot be drawn from.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ScenarioError {
+    #[error("scenario: {0}")]
+    Environment(#[from] EnvironmentError),
+    #[error("scenario: `kinds.emissive` is positive, but nothing of the asset emits")]
+    NothingEmits,
     #[error("scenario: `{setting}` is {found}; expected {expected}")]
     Setting { setting: &'static str, found: String, expected: &'static str },
     #[error(
@@ -160,10 +231,15 @@ impl Scenario {
                 "[low, high] with 1 <= low <= high <= 1024",
             );
         }
-        let KindWeights { point, spot, directional } = self.kinds;
-        let weights = [point, spot, directional];
+        let weights = self.kinds.all().map(|(_, weight)| weight);
         if !weights.iter().all(|w| w.is_finite() && *w >= 0.0) || weights.iter().sum::<f32>() <= 0.0 {
-            return wrong("kinds", weights, "weights (point, spot, directional) >= 0, one of them positive");
+            return wrong("kinds", self.kinds, "weights >= 0, one of them positive");
+        }
+        if self.kinds.environment > 0.0 && self.environments.is_empty() {
+            return wrong("environments", &self.environments, "a list of .hdr or .exr files for `kinds.environment`");
+        }
+        if let Some(path) = self.environments.iter().find(|path| path.to_str().is_none()) {
+            return wrong("environments", path, "names in UTF-8; rename the file");
         }
         range(
             "outer_cone_angle",
@@ -174,6 +250,13 @@ impl Scenario {
         )?;
         range("inner_cone", self.inner_cone, 0.0, 1.0, "fractions in 0 to 1")?;
         range("illuminance", self.illuminance, f32::MIN_POSITIVE, f32::MAX, "positive lux")?;
+        range("sun_elevation", self.sun_elevation, 0.0, std::f32::consts::FRAC_PI_2, "radians in 0 to pi/2")?;
+        range("turbidity", self.turbidity, 1.7, 10.0, "turbidities in 1.7 to 10")?;
+        range("ground_albedo", self.ground_albedo, 0.0, 1.0, "fractions in 0 to 1")?;
+        range("emission", self.emission, f32::MIN_POSITIVE, f32::MAX, "positive factors")?;
+        if let Some(size) = self.size {
+            range("size", size, f32::MIN_POSITIVE, f32::MAX, "positive metres")?;
+        }
         if let Some(intensity) = self.intensity {
             range("intensity", intensity, f32::MIN_POSITIVE, f32::MAX, "positive candela")?;
         }
@@ -239,7 +322,7 @@ mod tests {
             "#,
         )
         .unwrap();
-        assert_eq!(scenario.kinds, KindWeights { point: 0.0, spot: 3.0, directional: 1.0 });
+        assert_eq!(scenario.kinds, KindWeights { spot: 3.0, directional: 1.0, ..Default::default() });
         assert_eq!(scenario.position, Position::Around { radius: [1.2, 2.0], above: true });
         assert_eq!(scenario.color, Color::Random { hue: [0.0, 1.0], saturation: [0.2, 0.8] });
         assert_eq!(scenario.sky, Sky::Above);
@@ -267,6 +350,12 @@ mod tests {
             ("clearance = -1", "clearance"),
             ("position = { box = { min = [1, 0, 0], max = [0, 1, 1] } }", "position.box"),
             ("color = { random = { hue = [0, 2] } }", "color.hue"),
+            ("kinds = { environment = 1 }", "environments"),
+            ("size = [0, 1]", "size"),
+            ("sun_elevation = [0, 2]", "sun_elevation"),
+            ("turbidity = [1, 4]", "turbidity"),
+            ("ground_albedo = [0, 2]", "ground_albedo"),
+            ("emission = [0, 1]", "emission"),
         ] {
             let error = toml::from_str::<Scenario>(text).unwrap().validate().unwrap_err();
             assert!(matches!(error, ScenarioError::Setting { setting: s, .. } if s == setting), "{text}: {error}");

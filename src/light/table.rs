@@ -1,17 +1,18 @@
 //! Many lights laid out for vector units: the light that arrives at one surface point from each of them, LANES at a time.
+//! Every light is one entry or several: `facets.rs` says what stands for an area light or an environment.
 //!
 //! Falloff is KHR_lights_punctual's: inverse square, a smooth window at the range, a squared cosine ramp between the cones.
 //! GPU twin: `shaders/light.wgsl`.
 
 use glam::Vec3;
 
-use super::{Light, LightingCondition};
+use super::{EmissionFacets, Light, LightingCondition};
 use crate::math::{LANES, Rgb};
 use crate::scene::Aabb;
 
-/// Punctual lights in structure-of-arrays form, padded to whole blocks with lights that emit nothing.
+/// Entries in structure-of-arrays form, padded to whole blocks with some that emit nothing.
 pub struct LightTable {
-    /// Lights that stand for something; the rest of the last block is padding.
+    /// Entries that stand for something; the rest of the last block is padding.
     pub len: usize,
     blocks: Vec<LightBlock>,
     colours: Vec<Rgb>,
@@ -33,6 +34,8 @@ struct LightBlock {
     /// Angular attenuation saturate(cos·scale + offset)²; scale 0 and offset 1 for a light without cone, both 0 for padding.
     cone_scale: [f32; LANES],
     cone_offset: [f32; LANES],
+    /// 1 where the attenuation is not squared: the cosine lobe of a facet.
+    lobe: [f32; LANES],
 }
 
 /// The entry of one light in a [`LightTable`], fields as in its blocks.
@@ -48,6 +51,33 @@ pub struct LightEntry {
     pub inverse_range4: f32,
     pub cone_scale: f32,
     pub cone_offset: f32,
+    /// 1 for a facet, whose attenuation is not squared; otherwise 0.
+    pub lobe: f32,
+}
+
+impl LightEntry {
+    /// A light that shines alike in all directions.
+    pub fn point(position: Vec3, range: Option<f32>) -> Self {
+        Self {
+            position,
+            direction: Vec3::Z,
+            local: 1.0,
+            inverse_range4: range.map_or(0.0, |r| r.powi(-4)),
+            cone_scale: 0.0,
+            cone_offset: 1.0,
+            lobe: 0.0,
+        }
+    }
+
+    /// A light infinitely far away, `towards` which is a unit vector.
+    pub fn distant(towards: Vec3) -> Self {
+        Self { local: 0.0, ..Self::point(towards, None) }
+    }
+
+    /// A piece of surface that shines with the cosine of the angle to its `normal`.
+    pub fn facet(position: Vec3, normal: Vec3) -> Self {
+        Self { direction: normal, cone_scale: 1.0, cone_offset: 0.0, lobe: 1.0, ..Self::point(position, None) }
+    }
 }
 
 /// What LANES lights of unit colour send to a point.
@@ -64,22 +94,26 @@ pub struct Arrival {
 }
 
 impl LightTable {
-    /// Lays out the lights of one condition.
-    pub fn new<'l>(lights: impl IntoIterator<Item = &'l Light>) -> Self {
-        Self::lay_out(lights.into_iter().map(|light| (0, light)).collect(), 1)
+    /// Lays out the lights of one condition. `emission` stands for the asset's own.
+    pub fn new<'l>(lights: impl IntoIterator<Item = &'l Light>, emission: &EmissionFacets) -> Self {
+        let mut entries = Vec::new();
+        lights.into_iter().for_each(|light| light.stand_ins(emission, &mut |e, colour| entries.push((0, e, colour))));
+        Self::lay_out(entries, 1)
     }
 
     /// Lays out all lights of all `conditions`, condition after condition.
-    pub fn from_conditions(conditions: &[LightingCondition]) -> Self {
-        let lights = conditions
-            .iter()
-            .enumerate()
-            .flat_map(|(c, condition)| condition.lights.iter().map(move |l| (c as u32, l)));
-        Self::lay_out(lights.collect(), conditions.len())
+    pub fn from_conditions(conditions: &[LightingCondition], emission: &EmissionFacets) -> Self {
+        let mut entries = Vec::new();
+        for (c, condition) in conditions.iter().enumerate() {
+            for light in &condition.lights {
+                light.stand_ins(emission, &mut |entry, colour| entries.push((c as u32, entry, colour)));
+            }
+        }
+        Self::lay_out(entries, conditions.len())
     }
 
-    /// [`Light::Emissive`] becomes a padding entry: its light is found by the path tracer.
-    fn lay_out(lights: Vec<(u32, &Light)>, condition_count: usize) -> Self {
+    /// Lays out (condition, entry, colour).
+    pub(super) fn lay_out(entries: Vec<(u32, LightEntry, Rgb)>, condition_count: usize) -> Self {
         let padding = LightBlock {
             position: [[0.0; LANES]; 3],
             direction: [[0.0; LANES], [0.0; LANES], [1.0; LANES]],
@@ -87,33 +121,26 @@ impl LightTable {
             inverse_range4: [0.0; LANES],
             cone_scale: [0.0; LANES],
             cone_offset: [0.0; LANES],
+            lobe: [0.0; LANES],
         };
-        let mut blocks = vec![padding; lights.len().div_ceil(LANES)];
-        for (i, (_, light)) in lights.iter().enumerate() {
+        let mut blocks = vec![padding; entries.len().div_ceil(LANES)];
+        for (i, (_, entry, _)) in entries.iter().enumerate() {
             let (block, lane) = (&mut blocks[i / LANES], i % LANES);
-            let mut set = |local: f32, position: Vec3, direction: Vec3, range: Option<f32>, cone: (f32, f32)| {
-                for axis in 0..3 {
-                    block.position[axis][lane] = position[axis];
-                    block.direction[axis][lane] = direction[axis];
-                }
-                block.local[lane] = local;
-                block.inverse_range4[lane] = range.map_or(0.0, |r| r.powi(-4));
-                (block.cone_scale[lane], block.cone_offset[lane]) = cone;
-            };
-            match **light {
-                Light::Point { position, range, .. } => set(1.0, position, Vec3::Z, range, (0.0, 1.0)),
-                Light::Spot { position, direction, range, inner_cone_angle, outer_cone_angle, .. } => {
-                    set(1.0, position, direction, range, cone_ramp(inner_cone_angle, outer_cone_angle));
-                }
-                Light::Directional { direction, .. } => set(0.0, -direction, Vec3::Z, None, (0.0, 1.0)),
-                Light::Emissive { .. } => {}
+            for axis in 0..3 {
+                block.position[axis][lane] = entry.position[axis];
+                block.direction[axis][lane] = entry.direction[axis];
             }
+            block.local[lane] = entry.local;
+            block.inverse_range4[lane] = entry.inverse_range4;
+            block.cone_scale[lane] = entry.cone_scale;
+            block.cone_offset[lane] = entry.cone_offset;
+            block.lobe[lane] = entry.lobe;
         }
         Self {
-            len: lights.len(),
+            len: entries.len(),
             blocks,
-            colours: lights.iter().map(|(_, light)| light.radiant()).collect(),
-            conditions: lights.iter().map(|&(condition, _)| condition).collect(),
+            colours: entries.iter().map(|&(_, _, colour)| colour).collect(),
+            conditions: entries.iter().map(|&(condition, ..)| condition).collect(),
             condition_count,
         }
     }
@@ -164,6 +191,7 @@ impl LightTable {
             inverse_range4: b.inverse_range4[lane],
             cone_scale: b.cone_scale[lane],
             cone_offset: b.cone_offset[lane],
+            lobe: b.lobe[lane],
         }
     }
 
@@ -192,7 +220,7 @@ impl LightTable {
             let falloff = local * window / d2 + (1.0 - local);
             let cos_cone = -(wx * b.direction[0][i] + wy * b.direction[1][i] + wz * b.direction[2][i]);
             let ramp = (cos_cone * b.cone_scale[i] + b.cone_offset[i]).clamp(0.0, 1.0);
-            let e = falloff * ramp * ramp;
+            let e = falloff * ramp * ramp.max(b.lobe[i]);
             let cos_surface = (wx * normal.x + wy * normal.y + wz * normal.z).max(0.0);
             out.direction[0][i] = wx;
             out.direction[1][i] = wy;

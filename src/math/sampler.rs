@@ -9,8 +9,6 @@ pub struct Sampler {
     seed: u32,
     sample: u32,
     dimension_set: u32,
-    /// Sets drawn beside the path.
-    aside_set: u32,
 }
 
 /// Sobol points repeat beyond this many samples; later samples continue under another scramble.
@@ -20,22 +18,14 @@ impl Sampler {
     /// The generator of `sample` in `stream` (a texel, a pixel, a light) of the run that `seed` names.
     pub fn new(seed: u64, stream: u64, sample: u32) -> Self {
         let scramble = mix64(mix64(seed) ^ stream ^ ((sample / SAMPLES_PER_SCRAMBLE) as u64) << 48);
-        Self {
-            seed: (scramble ^ (scramble >> 32)) as u32,
-            sample: sample % SAMPLES_PER_SCRAMBLE,
-            dimension_set: 0,
-            aside_set: 0,
-        }
+        Self { seed: (scramble ^ (scramble >> 32)) as u32, sample: sample % SAMPLES_PER_SCRAMBLE, dimension_set: 0 }
     }
 
-    /// The next four numbers for choices beside the path, such as a light of next-event estimation, from dimensions of their
-    /// own: the path's stay the same whether these are drawn or not.
-    #[inline]
-    pub fn aside_4d(&mut self) -> [f32; 4] {
-        /// Any constant: it makes another scramble.
-        const ASIDE: u32 = 0x6a09_e667;
-        self.aside_set += 1;
-        Self { seed: self.seed ^ ASIDE, dimension_set: self.aside_set - 1, ..*self }.next_4d()
+    /// A generator for choices beside the path, such as samples of lights, at the place where this one stands. Its numbers
+    /// have no part in this one's, nor in those of another `purpose`: the path stays the same whatever is drawn beside it.
+    pub fn aside(&self, purpose: u32) -> Self {
+        // Another seed has other, independent points.
+        Self { seed: self.seed ^ (purpose + 1).wrapping_mul(0x6a09_e667), ..*self }
     }
 
     /// The next four dimensions, each in [0, 1).
@@ -104,6 +94,19 @@ mod tests {
         }
     }
 
+    #[test]
+    fn what_is_drawn_aside_leaves_the_rest_as_it_is() {
+        let (mut plain, mut beside) = (Sampler::new(1, 2, 3), Sampler::new(1, 2, 3));
+        plain.next_4d();
+        beside.next_4d();
+        let (a, b) = (beside.aside(0).next_4d(), beside.aside(1).next_4d());
+        assert_ne!(a, b);
+        let next = plain.next_4d();
+        assert_eq!(beside.next_4d(), next);
+        assert!(next != a && next != b);
+        assert_ne!(beside.aside(0).next_4d(), a);
+    }
+
     /// Pearson's correlation of independent uniform samples has variance 1/n; the mean over m pairs of streams 1/(n m).
     #[test]
     fn streams_seeds_and_dimensions_are_independent() {
@@ -119,11 +122,19 @@ mod tests {
         // Stratified samples correlate no more than independent ones; four sigmas of these.
         let tolerance = 4.0 / (N as f64 * PAIRS as f64).sqrt();
         type Pair = dyn Fn(u64) -> (Vec<f32>, Vec<f32>);
-        let pairs: [(&str, &Pair); 4] = [
+        let pairs: [(&str, &Pair); 6] = [
             ("neighbouring streams", &|k| (column(1, k, 0, N), column(1, k + 1, 0, N))),
             ("neighbouring seeds", &|k| (column(k, 5, 1, N), column(k + 1, 5, 1, N))),
             ("dimensions of one set", &|k| (column(1, k, 0, N), column(1, k, 1, N))),
             ("dimensions of two sets", &|k| (column(1, k, 2, N), column(1, k, 6, N))),
+            ("what is drawn aside", &|k| {
+                let aside = |sample| Sampler::new(1, k, sample).aside(0).next_4d()[0];
+                (column(1, k, 0, N), (0..N).map(aside).collect())
+            }),
+            ("two things drawn aside", &|k| {
+                let aside = |purpose| (0..N).map(|s| Sampler::new(1, k, s).aside(purpose).next_4d()[0]).collect();
+                (aside(0), aside(1))
+            }),
         ];
         for (what, pair) in pairs {
             let mean = mean_of(pair);

@@ -93,7 +93,7 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::light::Light;
+    use crate::light::{EmissionFacets, Light};
     use crate::measure::MeasurementPoint;
     use crate::scene::{Asset, Material, Mesh, Tracer};
 
@@ -145,7 +145,7 @@ mod tests {
             intensity: 10.0,
             range: None,
         };
-        let table = LightTable::new([&light]);
+        let table = LightTable::new([&light], &EmissionFacets::default());
         let exitance = points.sub_point_exitance(&tracer, &table);
         let open = |x: f32, albedo: f32| albedo * 10.0 * 2.0 / (x * x + 4.0).powf(1.5);
         assert_eq!(exitance[0], Vec3::ZERO);

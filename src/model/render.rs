@@ -9,7 +9,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::{Model, Picture, Shown, View, ViewError};
-use crate::light::{Light, LightGather, LightTable};
+use crate::light::{EmissionFacets, Light, LightGather, LightTable};
 use crate::math::Rgb;
 use crate::scene::{Hit, Surface, Tracer, lanes};
 
@@ -19,7 +19,7 @@ impl Model {
     /// # Errors
     /// A [`ViewError`] that says what is wrong with the view.
     pub fn render(&self, tracer: &Tracer, view: &View, lights: &[Light], shown: Shown) -> Result<Picture, ViewError> {
-        let table = LightTable::new(lights);
+        let table = LightTable::new(lights, &EmissionFacets::of(tracer.asset()));
         let coefficients = self.transfer.coefficients(&self.points.direct(tracer, &table));
         self.render_with(tracer, view, &table, &coefficients, shown)
     }

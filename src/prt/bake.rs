@@ -109,9 +109,9 @@ struct Transfer<'v> {
 }
 
 impl Collector for Transfer<'_> {
-    fn vertex(&mut self, _: &Surface, _: Vec3, _: Rgb, _: u32) {}
+    fn vertex(&mut self, _: &Surface, _: Vec3, _: Rgb, _: u32, _: impl FnOnce() -> Sampler) {}
 
-    fn escaped(&mut self, direction: Vec3, throughput: Rgb, bounces: u32) {
+    fn escaped(&mut self, direction: Vec3, throughput: Rgb, _: f32, bounces: u32) {
         let y = sh::evaluate(self.order, direction);
         let throughput = throughput * self.weight;
         if bounces == 0 {

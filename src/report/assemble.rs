@@ -7,7 +7,7 @@ use super::figures::{self, LightmapImage};
 use super::page::{Image, Page, Plate, Plot, method_label};
 use super::plot::{Series, line_plot};
 use crate::dataset::Dataset;
-use crate::light::{LightTable, LightingCondition};
+use crate::light::{EmissionFacets, LightTable, LightingCondition};
 use crate::math::Rgb;
 use crate::model::render::render;
 use crate::model::{Basis, Model, Picture, Shown, Transfer, View, ViewError};
@@ -115,8 +115,13 @@ impl Inputs<'_> {
                 lambda: self.lambda,
             };
             rows.extend(comparison.data_driven()?);
-            rows.extend(comparison.classical(&vertices, "sh_prt_vertex", centre));
-            rows.extend(comparison.classical(&texels, "sh_prt_texel", centre));
+            rows.extend(comparison.classical(
+                &vertices,
+                "sh_prt_vertex",
+                &EmissionFacets::of(&self.model.asset),
+                centre,
+            ));
+            rows.extend(comparison.classical(&texels, "sh_prt_texel", &EmissionFacets::of(&self.model.asset), centre));
         }
 
         let own = &self.scenarios[0];
@@ -244,7 +249,8 @@ impl Inputs<'_> {
     ) -> Result<Vec<Vec<Image>>, ReportError> {
         let model = self.model;
         let view = View::new(model.asset.cameras[0].clone(), PICTURE.0, PICTURE.1);
-        let table = LightTable::new(&condition.lights);
+        let emission = EmissionFacets::of(&model.asset);
+        let table = LightTable::new(&condition.lights, &emission);
         let settings = ReferenceSettings {
             samples: self.reference_paths,
             max_bounces: self.bake.max_bounces,
@@ -256,7 +262,7 @@ impl Inputs<'_> {
         let ours = model.render_with(self.tracer, &view, &table, &model.transfer.coefficients(&x), Shown::Indirect)?;
         let u = baseline_transfer.coefficients(&x);
         let published = render(self.tracer, &view, &table, Shown::Indirect, &|uv| baseline.sample(uv, &u))?;
-        let light = light_coefficients(&condition.lights, centre, SHOWN_ORDER);
+        let light = light_coefficients(&condition.lights, &emission, centre, SHOWN_ORDER);
         let classical = |prt: &ShPrt| {
             let image = LightmapImage::new(self.lightmap, &prt.indirect(&light));
             render(self.tracer, &view, &table, Shown::Indirect, &|uv| image.sample(uv))

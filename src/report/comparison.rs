@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::dataset::Dataset;
-use crate::light::LightingCondition;
+use crate::light::{EmissionFacets, LightingCondition};
 use crate::math::Rgb;
 use crate::model::Channels;
 use crate::prt::{ShPrt, light_coefficients};
@@ -102,7 +102,7 @@ impl Comparison<'_> {
     }
 
     /// Classical SH PRT at every order; `centre` is where local lights are seen from.
-    pub fn classical(&self, prt: &ShPrt, method: &'static str, centre: Vec3) -> Vec<Row> {
+    pub fn classical(&self, prt: &ShPrt, method: &'static str, emission: &EmissionFacets, centre: Vec3) -> Vec<Row> {
         let held_out: Vec<&LightingCondition> = self.dataset.held_out().map(|h| &self.dataset.conditions[h]).collect();
         let lit: Vec<usize> = (0..held_out.len()).filter(|h| self.gram.is_lit(self.dataset.training + h)).collect();
         ORDERS
@@ -112,7 +112,7 @@ impl Comparison<'_> {
                 let (errors, totals): (Vec<f64>, Vec<f64>) = lit
                     .par_iter()
                     .map(|&h| {
-                        let light = light_coefficients(&held_out[h].lights, centre, order);
+                        let light = light_coefficients(&held_out[h].lights, emission, centre, order);
                         let (indirect, direct) = (prt.indirect(&light), prt.direct(&light));
                         let error = self.distance(h, |t| indirect[t], |_, _| Rgb::ZERO);
                         let total = self.distance(h, |t| indirect[t] + direct[t], |direct, _| direct);

@@ -5,11 +5,11 @@ use std::ops::Range;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::conditions::LightSums;
+use super::Walk;
+use super::conditions::{Collected, LightSums};
 use super::gather::Gather;
-use super::{Emitters, Walk};
-use crate::light::{Light, LightTable, LightingCondition};
-use crate::math::{LANES, Rgb, Sampler};
+use crate::light::{Emitters, LightSet, LightingCondition};
+use crate::math::{Rgb, Sampler};
 use crate::progress::Progress;
 use crate::scene::{Asset, Lightmap, Reflectance, Surface, TexelSampler, Tracer};
 
@@ -58,7 +58,7 @@ impl BakeSettings {
     pub fn bytes_per_condition(&self, texels: usize, tile: usize, lights: usize, threads: usize) -> usize {
         let row = 3 * size_of::<f32>();
         // Light table, colours and their doubles; per thread the sums of each light and the first half's row.
-        let lights_bytes = lights * (128 + 3 * threads * size_of::<Rgb>());
+        let lights_bytes = lights * (128 + threads * 4 * size_of::<Rgb>());
         let noise = (tile / CHUNK + 2 + threads) * 2 * size_of::<f64>();
         let gather = if self.integrator == Integrator::Path { 0 } else { lights * Gather::bytes_per_light(texels) };
         tile * row + threads * row + lights_bytes + noise + gather
@@ -117,8 +117,7 @@ pub struct Baker<'t, 'a> {
     tracer: &'t Tracer<'a>,
     lightmap: &'t Lightmap,
     settings: BakeSettings,
-    table: LightTable,
-    mixer: Mixer,
+    set: LightSet,
     emitters: Option<Emitters<'a>>,
     /// Where that is the integrator.
     gather: Option<Gather<'t, 'a>>,
@@ -136,17 +135,16 @@ impl<'t, 'a> Baker<'t, 'a> {
         settings: &BakeSettings,
         progress: &dyn Progress,
     ) -> Result<Self, BakeError> {
-        let mixer = Mixer::new(conditions);
-        let emitters = if mixer.wants_emission() { Emitters::new(tracer.asset()) } else { None };
-        let table = LightTable::from_conditions(conditions);
+        let set = LightSet::from_conditions(conditions);
+        let emitters = if set.wants_emission() { Emitters::new(tracer.asset()) } else { None };
         let gather = match settings.integrator.for_asset(tracer.asset())? {
             Integrator::Gather => {
                 let walk = Walk { tracer, emitters: emitters.as_ref(), max_bounces: settings.max_bounces };
-                Some(Gather::new(&walk, lightmap, &table, settings, progress)?)
+                Some(Gather::new(&walk, lightmap, &set, settings, progress)?)
             }
             _ => None,
         };
-        Ok(Self { tracer, lightmap, settings: *settings, table, mixer, emitters, gather })
+        Ok(Self { tracer, lightmap, settings: *settings, set, emitters, gather })
     }
 
     /// Rays of the preparation.
@@ -156,7 +154,7 @@ impl<'t, 'a> Baker<'t, 'a> {
 
     /// N.
     pub fn conditions(&self) -> usize {
-        self.mixer.emission.len()
+        self.set.condition_count()
     }
 
     /// Bakes a range of the lightmap's texels, each of which advances `progress` by one.
@@ -185,10 +183,7 @@ impl<'t, 'a> Baker<'t, 'a> {
             .par_chunks_mut((CHUNK * row).max(1))
             .enumerate()
             .map_init(
-                || {
-                    let lights = self.table.block_count() * LANES;
-                    (gather.gatherer(&walk, &self.table), vec![Rgb::ZERO; lights], vec![0f32; row])
-                },
+                || (gather.gatherer(&walk, &self.set), Collected::new(&self.set), vec![0f32; row]),
                 |(gatherer, sums, first_half), (chunk, rows)| {
                     let mut noise = NoiseSums::new(n);
                     let rays_before = gatherer.rays();
@@ -200,11 +195,11 @@ impl<'t, 'a> Baker<'t, 'a> {
                         let points = self.lightmap.sampler(&self.tracer.asset().mesh, texel);
                         gatherer.clear();
                         gather.texel(&walk, texel, &points, 0..paths / 2, gatherer);
-                        let emission = gatherer.sums(sums);
-                        self.mixer.mix(&self.table, sums, emission, 1.0 / (paths / 2).max(1) as f32, first_half);
+                        gatherer.collect(sums);
+                        sums.mix(&self.set, 1.0 / (paths / 2).max(1) as f32, first_half);
                         gather.texel(&walk, texel, &points, paths / 2..paths, gatherer);
-                        let emission = gatherer.sums(sums);
-                        self.mixer.mix(&self.table, sums, emission, 1.0 / paths as f32, out);
+                        gatherer.collect(sums);
+                        sums.mix(&self.set, 1.0 / paths as f32, out);
                         noise.add(out, first_half, paths as u32, self.lightmap.texels[texel].area);
                         progress.advance(1);
                     }
@@ -226,7 +221,7 @@ impl<'t, 'a> Baker<'t, 'a> {
             .par_chunks_mut((CHUNK * row).max(1))
             .enumerate()
             .map_init(
-                || (LightSums::new(&self.table, self.tracer), vec![0f32; row]),
+                || (LightSums::new(&self.set, self.tracer), vec![0f32; row]),
                 |(sums, first_half), (chunk, rows)| {
                     let mut noise = NoiseSums::new(n);
                     let rays_before = sums.rays();
@@ -243,10 +238,10 @@ impl<'t, 'a> Baker<'t, 'a> {
                             let [u0, u1, u2, u3] = sampler.next_4d();
                             walk.from_receiver(&receivers.at([u0, u1]), Vec2::new(u2, u3), &mut sampler, sums);
                             if path + 1 == paths / 2 {
-                                self.mix(sums, sums.emission, 1.0 / (path + 1) as f32, first_half);
+                                sums.indirect.mix(&self.set, 1.0 / (path + 1) as f32, first_half);
                             }
                         }
-                        self.mix(sums, sums.emission, 1.0 / paths as f32, out);
+                        sums.indirect.mix(&self.set, 1.0 / paths as f32, out);
                         noise.add(out, first_half, paths, self.lightmap.texels[texel].area);
                         progress.advance(1);
                     }
@@ -269,10 +264,6 @@ impl<'t, 'a> Baker<'t, 'a> {
         let mut noise = NoiseSums::new(self.conditions());
         shares.iter().for_each(|(share, _)| noise.merge(share));
         Ok(BakedTexels { indirect, noise, rays: shares.iter().map(|(_, rays)| rays).sum() })
-    }
-
-    fn mix(&self, sums: &LightSums, emission: Rgb, weight: f32, out: &mut [f32]) {
-        self.mixer.mix(&self.table, sums.sums(), emission, weight, out);
     }
 }
 
@@ -320,15 +311,14 @@ pub fn bake_direct(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, BakeError> {
-    let table = LightTable::from_conditions(conditions);
-    let mixer = Mixer::new(conditions);
-    let emitters = if mixer.wants_emission() { Emitters::new(tracer.asset()) } else { None };
+    let set = LightSet::from_conditions(conditions);
+    let emitters = if set.wants_emission() { Emitters::new(tracer.asset()) } else { None };
     let walk = Walk { tracer, emitters: emitters.as_ref(), max_bounces: 0 };
     let row = 3 * conditions.len();
     let mut direct = vec![0f32; lightmap.texels.len() * row];
     progress.begin("direct", lightmap.texels.len() as u64, "texels");
     direct.par_chunks_mut(row.max(1)).enumerate().for_each_init(
-        || LightSums::new(&table, tracer),
+        || LightSums::new(&set, tracer),
         |sums, (texel, out)| {
             if progress.cancelled() {
                 return;
@@ -338,13 +328,9 @@ pub fn bake_direct(
             for sample in 0..DIRECT_SAMPLES {
                 let mut sampler = Sampler::new(seed, lightmap.texels[texel].index as u64, sample);
                 let [u0, u1, u2, u3] = sampler.next_4d();
-                let receiver = receivers.at([u0, u1]);
-                sums.add_direct(&receiver);
-                if emitters.is_some() {
-                    walk.from_receiver(&receiver, Vec2::new(u2, u3), &mut sampler, sums);
-                }
+                sums.add_direct(&walk, &receivers.at([u0, u1]), Vec2::new(u2, u3), &mut sampler);
             }
-            mixer.mix(&table, sums.sums(), sums.direct_emission, 1.0 / DIRECT_SAMPLES as f32, out);
+            sums.direct.mix(&set, 1.0 / DIRECT_SAMPLES as f32, out);
             progress.advance(1);
         },
     );
@@ -367,45 +353,6 @@ impl<'a> Receivers<'a> {
     fn at(&self, u: [f32; 2]) -> Surface {
         let point = self.points.sample(u);
         self.asset.surface(point.triangle as usize, point.u, point.v, Vec3::ZERO)
-    }
-}
-
-/// From sums per light of unit colour to values per condition.
-struct Mixer {
-    /// Per condition, the scale of the asset's own emission.
-    emission: Vec<f32>,
-    /// Indices of the lights that are gathered.
-    punctual: Vec<usize>,
-}
-
-impl Mixer {
-    fn new(conditions: &[LightingCondition]) -> Self {
-        let scale = |light: &Light| if let Light::Emissive { scale } = light { *scale } else { 0.0 };
-        let emission = conditions.iter().map(|c| c.lights.iter().map(scale).sum()).collect();
-        let lights = conditions.iter().flat_map(|c| &c.lights).enumerate();
-        let punctual = lights.filter(|(_, l)| !matches!(l, Light::Emissive { .. })).map(|(i, _)| i).collect();
-        Self { emission, punctual }
-    }
-
-    /// Whether any condition has the asset's own emission.
-    fn wants_emission(&self) -> bool {
-        self.emission.iter().any(|&scale| scale != 0.0)
-    }
-
-    /// Writes `[channel][condition]`.
-    fn mix(&self, table: &LightTable, sums: &[Rgb], emission: Rgb, weight: f32, out: &mut [f32]) {
-        let n = self.emission.len();
-        for channel in 0..3 {
-            for c in 0..n {
-                out[channel * n + c] = self.emission[c] * emission[channel] * weight;
-            }
-        }
-        for &light in &self.punctual {
-            let value = sums[light] * table.colour(light) * weight;
-            for channel in 0..3 {
-                out[channel * n + table.condition(light)] += value[channel];
-            }
-        }
     }
 }
 

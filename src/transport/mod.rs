@@ -2,11 +2,10 @@
 
 pub mod bake;
 pub mod conditions;
-pub mod emitters;
 mod gather;
 pub mod path;
 pub mod reference;
 
 pub use bake::{BakeError, BakeSettings, Baked, BakedTexels, Baker, Integrator, NoiseSums, TILE, bake, bake_direct};
-pub use emitters::Emitters;
+pub use conditions::{Collected, LightSums};
 pub use path::{Collector, Walk};

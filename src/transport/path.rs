@@ -5,7 +5,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::Emitters;
+use crate::light::Emitters;
 use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::scene::{Surface, Tracer};
 
@@ -13,15 +13,39 @@ use crate::scene::{Surface, Tracer};
 /// with density cos θ / π.
 pub trait Collector {
     /// The path met `surface`, `bounces` reflections after leaving the receiver (0: the surface that the receiver sees).
-    /// `to_previous` is the unit vector back along the path.
-    fn vertex(&mut self, surface: &Surface, to_previous: Vec3, throughput: Rgb, bounces: u32);
+    /// `to_previous` is the unit vector back along the path; `lights` draws samples of lights.
+    fn vertex(
+        &mut self,
+        surface: &Surface,
+        to_previous: Vec3,
+        throughput: Rgb,
+        bounces: u32,
+        lights: impl FnOnce() -> Sampler,
+    );
 
-    /// The path left the scene along `direction`.
-    fn escaped(&mut self, _direction: Vec3, _throughput: Rgb, _bounces: u32) {}
+    /// The path left the scene along `direction`, drawn with density `pdf` per steradian.
+    fn escaped(&mut self, _direction: Vec3, _throughput: Rgb, _pdf: f32, _bounces: u32) {}
+
+    /// The path leaves a glossy surface: it goes `ray.reach` metres before it meets anything.
+    fn glossy(&mut self, _ray: &GlossyRay) {}
 
     /// Light of the asset's own emissive surfaces arrived: `irradiance` at the receiver, after `bounces` reflections
     /// (0: direct light).
     fn emission(&mut self, _irradiance: Rgb, _bounces: u32) {}
+}
+
+/// A ray that left a glossy surface.
+#[derive(Clone, Copy, Debug)]
+pub struct GlossyRay {
+    pub origin: Vec3,
+    pub direction: Vec3,
+    /// Metres, infinite for a ray that leaves the scene.
+    pub reach: f32,
+    pub throughput: Rgb,
+    /// Per steradian.
+    pub pdf: f32,
+    /// Reflections up to its start.
+    pub bounces: u32,
 }
 
 /// How paths are walked.
@@ -37,13 +61,19 @@ pub struct Walk<'t, 'a> {
 /// Reflections that every path may take; later ones pass Russian roulette.
 const ROULETTE_FREE_BOUNCES: u32 = 2;
 
+/// What numbers are drawn for beside the path ([`Sampler::aside`]), at a receiver and at the surfaces that the path meets.
+const RECEIVER_EMISSION: u32 = 0;
+const SURFACE_EMISSION: u32 = 1;
+pub(super) const RECEIVER_LIGHTS: u32 = 2;
+const SURFACE_LIGHTS: u32 = 3;
+
 impl Walk<'_, '_> {
     /// Follows the path that leaves the point `from` in a cosine-distributed direction made of `u`.
     pub fn from_receiver(&self, from: &Surface, u: Vec2, sampler: &mut Sampler, collector: &mut impl Collector) {
         let direction = Frame::from_normal(from.normal).world_from_local(warp::sample_cosine_hemisphere(u));
         let throughput = Vec3::splat(std::f32::consts::PI);
         if let Some(emitters) = self.emitters
-            && let Some(to_light) = emitters.sample(self.tracer, from, sampler.aside_4d())
+            && let Some(to_light) = emitters.sample(self.tracer, from, sampler.aside(RECEIVER_EMISSION).next_4d())
         {
             let cos = to_light.direction.dot(from.normal).max(0.0);
             let weight = to_light.weight_against(warp::pdf_cosine_hemisphere(cos));
@@ -54,23 +84,40 @@ impl Walk<'_, '_> {
             return;
         }
         let pdf = warp::pdf_cosine_hemisphere(direction.dot(from.normal));
-        self.continue_along(from, direction, throughput, pdf, sampler, collector);
+        // A receiver is white and diffuse, whatever its surface is.
+        self.follow(from, (direction, throughput, pdf), false, sampler, collector);
     }
 
-    /// Follows a path on from `from` along `direction`, which was drawn with density `pdf` per steradian.
+    /// Follows a path on from the surface `from` along `direction`, which its BSDF drew with density `pdf` per steradian.
     pub fn continue_along(
         &self,
         from: &Surface,
-        mut direction: Vec3,
-        mut throughput: Rgb,
-        mut pdf: f32,
+        direction: Vec3,
+        throughput: Rgb,
+        pdf: f32,
+        sampler: &mut Sampler,
+        collector: &mut impl Collector,
+    ) {
+        self.follow(from, (direction, throughput, pdf), from.bsdf.specular, sampler, collector);
+    }
+
+    fn follow(
+        &self,
+        from: &Surface,
+        (mut direction, mut throughput, mut pdf): (Vec3, Rgb, f32),
+        mut glossy: bool,
         sampler: &mut Sampler,
         collector: &mut impl Collector,
     ) {
         let mut origin = self.tracer.leave(from, direction);
         for bounces in 0.. {
-            let Some(hit) = self.tracer.closest_hit(origin, direction, f32::INFINITY) else {
-                collector.escaped(direction, throughput, bounces);
+            let hit = self.tracer.closest_hit(origin, direction, f32::INFINITY);
+            if glossy {
+                let reach = hit.map_or(f32::INFINITY, |hit| hit.t);
+                collector.glossy(&GlossyRay { origin, direction, reach, throughput, pdf, bounces });
+            }
+            let Some(hit) = hit else {
+                collector.escaped(direction, throughput, pdf, bounces);
                 return;
             };
             let surface = self.tracer.surface(&hit, direction);
@@ -84,7 +131,7 @@ impl Walk<'_, '_> {
             if bounces >= self.max_bounces {
                 return;
             }
-            collector.vertex(&surface, -direction, throughput, bounces);
+            collector.vertex(&surface, -direction, throughput, bounces, || sampler.aside(SURFACE_LIGHTS));
             self.reflect_emission(&surface, -direction, throughput, bounces + 1, sampler, collector);
 
             let u = sampler.next_4d();
@@ -105,7 +152,7 @@ impl Walk<'_, '_> {
                 return;
             }
             origin = self.tracer.leave(&surface, sampled.direction);
-            (direction, pdf) = (sampled.direction, sampled.pdf);
+            (direction, pdf, glossy) = (sampled.direction, sampled.pdf, surface.bsdf.specular);
         }
     }
 
@@ -117,11 +164,11 @@ impl Walk<'_, '_> {
         to_previous: Vec3,
         throughput: Rgb,
         bounces: u32,
-        sampler: &mut Sampler,
+        sampler: &Sampler,
         collector: &mut impl Collector,
     ) {
         if let Some(emitters) = self.emitters
-            && let Some(to_light) = emitters.sample(self.tracer, surface, sampler.aside_4d())
+            && let Some(to_light) = emitters.sample(self.tracer, surface, sampler.aside(SURFACE_EMISSION).next_4d())
         {
             let cos = to_light.direction.dot(surface.normal).max(0.0);
             let reflected = surface.bsdf.evaluate(surface.normal, to_previous, to_light.direction) * cos;

@@ -4,9 +4,8 @@ use glam::Vec2;
 use rayon::prelude::*;
 
 use super::bake::PATHS_BETWEEN_CHECKS;
-use super::conditions::LightSums;
-use super::{BakeError, Emitters, Walk};
-use crate::light::{Light, LightTable};
+use super::{BakeError, Collected, LightSums, Walk};
+use crate::light::{Emitters, Light, LightSet};
 use crate::math::{Rgb, Sampler};
 use crate::model::render::first_visible;
 use crate::model::{Picture, View, ViewError};
@@ -51,20 +50,18 @@ impl Reference {
         progress: &dyn Progress,
     ) -> Result<Self, ReferenceError> {
         let pinhole = view.pinhole()?;
-        let table = LightTable::new(lights);
-        let emission_scale: f32 =
-            lights.iter().map(|l| if let Light::Emissive { scale } = l { *scale } else { 0.0 }).sum();
-        let emitters = if emission_scale != 0.0 { Emitters::new(tracer.asset()) } else { None };
+        let set = LightSet::new(lights);
+        let emission_scale = set.emission()[0];
+        let emitters = if set.wants_emission() { Emitters::new(tracer.asset()) } else { None };
         let walk = Walk { tracer, emitters: emitters.as_ref(), max_bounces: settings.max_bounces };
         let width = view.width as usize;
         let mut pixels = vec![(Rgb::ZERO, Rgb::ZERO); width * view.height as usize];
         progress.begin("trace", view.height as u64, "rows");
         pixels.par_chunks_mut(width).enumerate().for_each_init(
-            || (LightSums::new(&table, tracer), LightSums::new(&table, tracer)),
-            |(direct, indirect), (y, row)| {
+            || LightSums::new(&set, tracer),
+            |sums, (y, row)| {
                 for (x, pixel) in row.iter_mut().enumerate() {
-                    direct.clear();
-                    indirect.clear();
+                    sums.clear();
                     let mut emitted = Rgb::ZERO;
                     for sample in 0..settings.samples {
                         if sample % PATHS_BETWEEN_CHECKS == 0 && progress.cancelled() {
@@ -76,21 +73,23 @@ impl Reference {
                         let Some(hit) = first_visible(tracer, pinhole.eye, to_scene) else { continue };
                         let surface = tracer.surface(&hit, to_scene);
                         emitted += surface.emitted;
-                        direct.reflect_lights(&surface, -to_scene, Rgb::ONE);
-                        walk.reflect_emission(&surface, -to_scene, Rgb::ONE, 0, &mut sampler, indirect);
+                        sums.add_seen(&surface, -to_scene, &sampler);
+                        walk.reflect_emission(&surface, -to_scene, Rgb::ONE, 0, &sampler, sums);
                         let sampled = surface.bsdf.sample(surface.normal, -to_scene, sampler.next_4d());
                         if let Some(sampled) = sampled
                             && sampled.direction.dot(surface.geometric_normal) > 0.0
                         {
                             let (towards, weight, pdf) = (sampled.direction, sampled.weight, sampled.pdf);
-                            walk.continue_along(&surface, towards, weight, pdf, &mut sampler, indirect);
+                            walk.continue_along(&surface, towards, weight, pdf, &mut sampler, sums);
                         }
                     }
                     let share = 1.0 / settings.samples as f32;
-                    let sum = |sums: &LightSums| (0..table.len).map(|l| sums.sums()[l] * table.colour(l)).sum::<Rgb>();
-                    let direct_emission = indirect.direct_emission * emission_scale + emitted;
-                    pixel.0 = (sum(direct) + direct_emission) * share;
-                    pixel.1 = (sum(indirect) + indirect.emission * emission_scale) * share;
+                    let sum = |part: &Collected| {
+                        let lights: Rgb = part.lights.iter().enumerate().map(|(l, &sum)| sum * set.colour(l)).sum();
+                        lights + part.emission * emission_scale
+                    };
+                    pixel.0 = (sum(&sums.direct) + emitted) * share;
+                    pixel.1 = sum(&sums.indirect) * share;
                 }
                 progress.advance(1);
             },

@@ -1,8 +1,9 @@
-"""Holds relight's path tracer against Mitsuba 3, tile by tile: a t-test on the seeds' means, Šidák-corrected.
+"""Holds relight's path tracer against Mitsuba 3, tile by tile: a t-test on the seeds' means, Šidák-corrected; and the mean of
+the whole picture, to half a percent.
 
-    mitsuba_agrees.py [--spp 64] [--seeds 24]
+    mitsuba_agrees.py [--spp 64] [--seeds 24] [--gltf FILE] [--only NAME]
 
-`cargo run --example peer_scenes` writes the scenes and relight's pictures. What disagrees is left under target/peers as
+`--gltf` adds a scene with textures, such as Fox.glb of the glTF sample assets. `cargo run --example peer_scenes` writes the scenes and relight's pictures. What disagrees is left under target/peers as
 .exr beside Mitsuba's picture and the t values. Exit status 0: all agree, and the controls do not.
 """
 
@@ -22,6 +23,8 @@ OUT = ROOT / "target" / "peers"
 TILE = 8
 # Probability that a comparison of equal renderers fails at all.
 FALSE_ALARM = 1e-3
+# Most by which the means of the pictures may differ.
+MEAN_DIFFERENCE = 5e-3
 
 
 def tiles(pictures):
@@ -53,13 +56,20 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--spp", type=int, default=64, help="samples per pixel and seed, in both renderers")
     parser.add_argument("--seeds", type=int, default=24)
+    parser.add_argument("--gltf", help="an asset with textures, lit by a disk")
+    parser.add_argument("--only", default="", help="compare the scenes whose names contain this")
     arguments = parser.parse_args()
     OUT.mkdir(parents=True, exist_ok=True)
     example = ["cargo", "run", "--quiet", "--release", "--example", "peer_scenes", "--"]
-    subprocess.run([*example, str(OUT), str(arguments.spp), str(arguments.seeds)], cwd=ROOT, check=True)
+    gltf = [arguments.gltf] if arguments.gltf else []
+    if not gltf:
+        print("textured: skipped, no --gltf is given")
+    for old in OUT.glob("*.json"):
+        old.unlink()
+    subprocess.run([*example, str(OUT), str(arguments.spp), str(arguments.seeds), *gltf], cwd=ROOT, check=True)
 
     failures = 0
-    for path in sorted(OUT.glob("*.json")):
+    for path in sorted(OUT.glob(f"*{arguments.only}*.json")):
         description = json.loads(path.read_text())
         shape = (arguments.seeds, description["height"], description["width"], 3)
         ours = np.fromfile(path.with_suffix(".f32"), "<f4").reshape(shape)
@@ -70,12 +80,15 @@ def main():
         limit = critical_t(arguments.seeds - 1, t.size)
         relative = np.sqrt(((a.mean(0) - b.mean(0)) ** 2).sum() / (b.mean(0) ** 2).sum())
         noise = np.sqrt((a.var(0, ddof=1) + b.var(0, ddof=1)).sum() / len(a) / (b.mean(0) ** 2).sum())
-        agrees = np.abs(t).max() < limit
+        means = a.mean(axis=(1, 2, 3)), b.mean(axis=(1, 2, 3))
+        difference = means[0].mean() / means[1].mean() - 1
+        error = np.sqrt((means[0].var(ddof=1) + means[1].var(ddof=1)) / len(a)) / means[1].mean()
+        agrees = np.abs(t).max() < limit and abs(difference) < MEAN_DIFFERENCE
         # Control: two percent more light must be told.
         control = np.abs(t_values(a * 1.02, b)).max() > limit
         verdict = "agrees" if agrees and control else "DISAGREES" if control else "CANNOT TELL 2 %"
         print(
-            f"{path.stem}: {verdict}; largest |t| {np.abs(t).max():.2f} of {limit:.2f} allowed, mean t {t.mean():+.3f}, "
+            f"{path.stem}: {verdict}; mean {100 * difference:+.3f} % ± {100 * error:.3f}; largest |t| {np.abs(t).max():.2f} of {limit:.2f} allowed, mean t {t.mean():+.3f}, "
             f"relative difference of tiles {relative:.2e}, expected from noise {noise:.2e}"
         )
         for name, picture in (("relight", ours.mean(0)), ("mitsuba", theirs.mean(0)), ("t", t)):

@@ -8,8 +8,11 @@ SCENE.json:
     width, height   pixels
     max_bounces     reflections after which a path ends
     camera          eye, target, up, vertical_fov (degrees)
-    lights          as relight writes them: type point, spot or directional; candela, lux, radians
-    meshes          positions [[x, y, z]], normals (one per position), triangles [[a, b, c]], reflectance [r, g, b]
+    lights          as relight writes them: type point, spot or directional; candela, lux, radians; or
+                    rect or disk: position, half axes u and v, normal; sphere: position, radius; each with radiance [r, g, b];
+                    environment: file (float32 [y][x][channel], columns centred on theirs, rows from pole to pole), width, height
+    meshes          positions [[x, y, z]], normals (one per position), triangles [[a, b, c]], reflectance [r, g, b],
+                    emission [r, g, b]; where there is a texture (file: sRGB bytes [y][x][rgba], width, height), uvs
 """
 
 import argparse
@@ -33,6 +36,19 @@ def rgb(value):
 
 
 def emitter(light):
+    area = lambda: {"type": "area", "radiance": rgb(light["radiance"])}
+    if light["type"] in ("rect", "disk"):
+        columns = np.eye(4)
+        columns[:3, 0], columns[:3, 1], columns[:3, 2] = light["u"], light["v"], light["normal"]
+        columns[:3, 3] = light["position"]
+        shape = {"rect": "rectangle", "disk": "disk"}[light["type"]]
+        return {"type": shape, "to_world": mi.ScalarTransform4f(columns.tolist()), "emitter": area()}
+    if light["type"] == "sphere":
+        return {"type": "sphere", "center": light["position"], "radius": light["radius"], "emitter": area()}
+    if light["type"] == "environment":
+        shape = (light["height"], light["width"], 3)
+        pixels = np.fromfile(light["file"], "<f4").reshape(shape)
+        return {"type": "envmap", "bitmap": mi.Bitmap(pixels)}
     colour = np.array(light.get("color", [1, 1, 1])) * light["intensity"]
     if light.get("range") is not None:
         raise ValueError("Mitsuba's lights have no range")
@@ -60,13 +76,24 @@ def emitter(light):
 
 
 def write_ply(path, mesh):
-    vertices = np.hstack([mesh["positions"], mesh["normals"]])
+    columns, names = [mesh["positions"], mesh["normals"]], ["x", "y", "z", "nx", "ny", "nz"]
+    if "uvs" in mesh:
+        columns, names = [*columns, mesh["uvs"]], [*names, "u", "v"]
+    vertices = np.hstack(columns)
     with open(path, "w") as file:
         file.write(f"ply\nformat ascii 1.0\nelement vertex {len(vertices)}\n")
-        file.writelines(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+        file.writelines(f"property float {name}\n" for name in names)
         file.write(f"element face {len(mesh['triangles'])}\nproperty list uchar int vertex_indices\nend_header\n")
         file.writelines(" ".join(f"{x:.9g}" for x in v) + "\n" for v in vertices)
         file.writelines("3 " + " ".join(map(str, t)) + "\n" for t in mesh["triangles"])
+
+
+def texture(mesh):
+    """Linear, so that texels are interpolated as relight does: after decoding; the base colour is multiplied in."""
+    image = mesh["texture"]
+    codes = np.fromfile(image["file"], np.uint8).reshape(image["height"], image["width"], 4)[..., :3] / 255.0
+    linear = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4) * mesh["reflectance"]
+    return {"type": "bitmap", "bitmap": mi.Bitmap(linear.astype(np.float32)), "raw": True}
 
 
 def load(description, folder):
@@ -74,7 +101,12 @@ def load(description, folder):
     scene = {
         "type": "scene",
         # A path's depth counts its edges: one to the camera and one to the light beside the reflections between.
-        "integrator": {"type": "path", "max_depth": description["max_bounces"] + 3},
+        # relight's cameras see the asset alone, not the environment around it.
+        "integrator": {
+            "type": "path",
+            "max_depth": description["max_bounces"] + 3,
+            "hide_emitters": any(light["type"] == "environment" for light in description["lights"]),
+        },
         "sensor": {
             "type": "perspective",
             "fov": camera["vertical_fov"],
@@ -97,7 +129,11 @@ def load(description, folder):
         write_ply(path, mesh)
         # relight's surfaces reflect on both sides.
         diffuse = {"type": "diffuse", "reflectance": rgb(mesh["reflectance"])}
+        if "texture" in mesh:
+            diffuse["reflectance"] = texture(mesh)
         scene[f"mesh{i}"] = {"type": "ply", "filename": str(path), "bsdf": {"type": "twosided", "diffuse": diffuse}}
+        if any(mesh["emission"]):
+            scene[f"mesh{i}"]["emitter"] = {"type": "area", "radiance": rgb(mesh["emission"])}
     return mi.load_dict(scene)
 
 

@@ -10,7 +10,7 @@ use super::patches::Patches;
 use super::rows::{Rows, Term, narrowed};
 use super::samples::SampleTable;
 use super::{Rays, receiver};
-use crate::light::LightTable;
+use crate::light::LightSet;
 use crate::math::Rgb;
 use crate::math::sampler::mix64;
 use crate::progress::Progress;
@@ -34,7 +34,7 @@ impl Bounced {
     pub fn new(
         walk: &Walk,
         lightmap: &Lightmap,
-        table: &LightTable,
+        set: &LightSet,
         patches: &Patches,
         direct: &Direct,
         settings: &BakeSettings,
@@ -52,7 +52,7 @@ impl Bounced {
             .par_chunks_mut(width)
             .enumerate()
             .map_init(
-                || Rays::new(&walk, table),
+                || Rays::new(&walk, set),
                 |rays, (patch, once)| {
                     if progress.cancelled() || walk.max_bounces == 0 {
                         return (Vec::new(), 0);
@@ -64,7 +64,8 @@ impl Bounced {
                     found.patches.iter_mut().chain(&mut found.texels).for_each(|term| term.weight *= weight);
                     own.add(&found.patches, once);
                     direct.light.add(&found.texels, once);
-                    for (column, &sum) in rays.traced.sums().iter().chain([&rays.traced.emission]).enumerate() {
+                    let traced = &rays.traced.indirect;
+                    for (column, &sum) in traced.lights.iter().chain([&traced.emission]).enumerate() {
                         for channel in 0..3 {
                             once[channel * columns + column] += sum[channel] * weight;
                         }
@@ -141,7 +142,7 @@ fn patch_means(patches: &Patches, texels: &Rows) -> Rows {
                 sum.iter_mut().zip(&*row).for_each(|(sum, light)| *sum += (end - start) * light);
                 start = end;
             }
-            out.iter_mut().zip(&*sum).for_each(|(out, &sum)| *out = narrowed(sum));
+            out.iter_mut().zip(&*sum).for_each(|(out, &sum)| *out = narrowed(sum, patch));
         },
     );
     means
@@ -172,7 +173,9 @@ fn solve(
 ) -> Result<Rows, BakeError> {
     let width = 3 * columns;
     let mut light = Rows::new(operator.len(), 3, columns);
-    narrow(once, &mut light);
+    light.values_mut().par_chunks_mut(width).enumerate().for_each(|(patch, out)| {
+        out.iter_mut().zip(&once[patch * width..]).for_each(|(out, &value)| *out = narrowed(value, patch));
+    });
     // b itself has bounced once, and the last bounce is the final gather's.
     for _ in 0..bounces_until_faded(operator, max_bounces.saturating_sub(2)) {
         if progress.cancelled() {
@@ -184,16 +187,12 @@ fn solve(
             |sum, (patch, out)| {
                 sum.copy_from_slice(&once[patch * width..(patch + 1) * width]);
                 light.add(operator[patch], sum);
-                out.iter_mut().zip(&*sum).for_each(|(out, &sum)| *out = narrowed(sum));
+                out.iter_mut().zip(&*sum).for_each(|(out, &sum)| *out = narrowed(sum, patch));
             },
         );
         light = next;
     }
     Ok(light)
-}
-
-fn narrow(values: &[f32], rows: &mut Rows) {
-    rows.values_mut().par_iter_mut().zip(values).for_each(|(out, &value)| *out = narrowed(value));
 }
 
 /// Direct and indirect light together.
@@ -206,7 +205,7 @@ fn sum(direct: &Rows, indirect: &Rows, columns: usize) -> Rows {
             direct.widen(patch, own);
             indirect.widen(patch, reflected);
             for i in 0..width {
-                total[i] = narrowed(own[i % own.len()] + reflected[i]);
+                total[i] = narrowed(own[i % own.len()] + reflected[i], patch);
             }
         },
     );

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::receiver;
 use super::rows::{Rows, narrowed, padded};
-use crate::light::LightTable;
+use crate::light::LightSet;
 use crate::math::{Rgb, Sampler};
 use crate::progress::Progress;
 use crate::scene::Lightmap;
@@ -14,7 +14,7 @@ use crate::transport::{BakeError, BakeSettings, Walk};
 
 /// Direct irradiance.
 pub struct Direct {
-    /// A row per texel, a column per light of unit colour, and after the table's last block one for the asset's own emission.
+    /// A row per texel, a column per light of the set with unit colour, then one for the asset's own emission.
     pub light: Rows,
     pub rays: u64,
 }
@@ -29,19 +29,19 @@ impl Direct {
     pub fn new(
         walk: &Walk,
         lightmap: &Lightmap,
-        table: &LightTable,
+        set: &LightSet,
         settings: &BakeSettings,
         progress: &dyn Progress,
     ) -> Result<Self, BakeError> {
         let samples = (settings.paths / PATHS_PER_SAMPLE).max(1);
-        let walk = Walk { max_bounces: 0, ..*walk };
-        let lights = LightSums::new(table, walk.tracer).sums().len();
-        let planes = if walk.emitters.is_some() { 3 } else { 1 };
+        let lights = set.len();
+        let coloured = walk.emitters.is_some() || set.first_environment() < lights;
+        let planes = if coloured { 3 } else { 1 };
         let mut light = Rows::new(lightmap.texels.len(), planes, padded(lights + 1));
         let (stride, columns) = (light.stride(), light.columns());
         progress.begin("direct", lightmap.texels.len() as u64, "texels");
         let rays = light.values_mut().par_chunks_mut(stride).enumerate().map_init(
-            || LightSums::new(table, walk.tracer),
+            || LightSums::new(set, walk.tracer),
             |sums, (texel, row)| {
                 if progress.cancelled() {
                     return 0;
@@ -54,19 +54,16 @@ impl Direct {
                     let mut sampler = Sampler::new(settings.seed ^ DIRECT_STREAM, stream, sample);
                     let [u0, u1, u2, u3] = sampler.next_4d();
                     let receiver = receiver(walk.tracer, &points, [u0, u1]);
-                    sums.add_direct(&receiver);
-                    if walk.emitters.is_some() {
-                        walk.from_receiver(&receiver, Vec2::new(u2, u3), &mut sampler, sums);
-                    }
+                    sums.add_direct(&walk, &receiver, Vec2::new(u2, u3), &mut sampler);
                 }
                 let weight = 1.0 / samples as f32;
                 let mut write = |column: usize, irradiance: Rgb| {
                     for plane in 0..planes {
-                        row[plane * columns + column] = narrowed(irradiance[plane] * weight);
+                        row[plane * columns + column] = narrowed(irradiance[plane] * weight, texel);
                     }
                 };
-                sums.sums().iter().enumerate().for_each(|(column, &sum)| write(column, sum));
-                write(lights, sums.direct_emission);
+                sums.direct.lights.iter().enumerate().for_each(|(column, &sum)| write(column, sum));
+                write(lights, sums.direct.emission);
                 progress.advance(1);
                 sums.rays() - before
             },

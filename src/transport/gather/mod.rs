@@ -25,9 +25,10 @@ use self::direct::Direct;
 use self::patches::{Patches, Place};
 use self::rows::Term;
 use self::samples::{SampleTable, Samples};
-use super::conditions::LightSums;
+use super::conditions::{Collected, LightSums};
+use super::path::Collector;
 use super::{BakeError, BakeSettings, Walk};
-use crate::light::LightTable;
+use crate::light::LightSet;
 use crate::math::{Frame, Rgb, warp};
 use crate::progress::Progress;
 use crate::scene::{Asset, Bsdf, Lightmap, Surface, TexelSampler, Tracer};
@@ -52,20 +53,20 @@ pub struct Gatherer<'t, 'a> {
 }
 
 impl<'t, 'a> Gather<'t, 'a> {
-    /// Measures the direct light of `table` and bounces it between patches.
+    /// Measures the direct light of `set` and bounces it between patches.
     ///
     /// # Errors
     /// [`BakeError::Cancelled`] when `progress` says so.
     pub fn new(
         walk: &Walk<'_, 'a>,
         lightmap: &'t Lightmap,
-        table: &LightTable,
+        set: &LightSet,
         settings: &BakeSettings,
         progress: &dyn Progress,
     ) -> Result<Self, BakeError> {
         let patches = Patches::new(walk.tracer.asset(), lightmap);
-        let direct = Direct::new(walk, lightmap, table, settings, progress)?;
-        let bounced = Bounced::new(walk, lightmap, table, &patches, &direct, settings, progress)?;
+        let direct = Direct::new(walk, lightmap, set, settings, progress)?;
+        let bounced = Bounced::new(walk, lightmap, set, &patches, &direct, settings, progress)?;
         let samples = SampleTable::new(settings.seed, settings.paths);
         let rays = direct.rays + bounced.rays;
         Ok(Self { lightmap, patches, direct, bounced, samples, seed: settings.seed, rays })
@@ -78,8 +79,8 @@ impl<'t, 'a> Gather<'t, 'a> {
         3 * 2 * texels + (3 * 2 + 3 * 4 + 2 * 3 * 2) * Patches::most(texels)
     }
 
-    pub fn gatherer<'w>(&self, walk: &Walk<'w, 'a>, table: &'w LightTable) -> Gatherer<'w, 'a> {
-        Gatherer { rays: Rays::new(walk, table), read: vec![0.0; 3 * self.direct.light.columns()] }
+    pub fn gatherer<'w>(&self, walk: &Walk<'w, 'a>, set: &'w LightSet) -> Gatherer<'w, 'a> {
+        Gatherer { rays: Rays::new(walk, set), read: vec![0.0; 3 * self.direct.light.columns()] }
     }
 
     /// Sends the rays `range` of a texel, and adds the light that they find to `gatherer`.
@@ -109,16 +110,16 @@ impl Gatherer<'_, '_> {
         self.rays.traced.clear();
     }
 
-    /// Irradiance per light of unit colour, and that of the asset's own emission, times the number of rays.
-    pub fn sums(&self, out: &mut [Rgb]) -> Rgb {
+    /// Irradiance, times the number of rays.
+    pub fn collect(&self, out: &mut Collected) {
         let columns = self.read.len() / 3;
         let read =
             |column: usize| Vec3::from_array(std::array::from_fn(|channel| self.read[channel * columns + column]));
-        let traced = self.rays.traced.sums();
-        for (light, out) in out.iter_mut().enumerate() {
-            *out = read(light) + traced[light];
+        let traced = &self.rays.traced.indirect;
+        for (light, (out, &traced)) in out.lights.iter_mut().zip(&traced.lights).enumerate() {
+            *out = read(light) + traced;
         }
-        read(traced.len()) + self.rays.traced.emission
+        out.emission = read(traced.lights.len()) + traced.emission;
     }
 
     /// Rays so far.
@@ -131,6 +132,8 @@ impl Gatherer<'_, '_> {
 struct Rays<'w, 'a> {
     found: Found,
     traced: LightSums<'w, 'a>,
+    /// Whether next-event estimation finds all direct light, so that it can be found anew at a hit.
+    anew: bool,
     sent: u64,
 }
 
@@ -154,8 +157,9 @@ impl Found {
 const MOST_NEAR_HITS: u32 = 16;
 
 impl<'w, 'a> Rays<'w, 'a> {
-    fn new(walk: &Walk<'w, 'a>, table: &'w LightTable) -> Self {
-        Self { found: Found::default(), traced: LightSums::new(table, walk.tracer), sent: 0 }
+    fn new(walk: &Walk<'w, 'a>, set: &'w LightSet) -> Self {
+        let anew = walk.emitters.is_none() && set.first_environment() == set.len();
+        Self { found: Found::default(), traced: LightSums::new(set, walk.tracer), anew, sent: 0 }
     }
 
     /// Sends ray `i` of `samples` from the surface `from` along the cosine-distributed direction of `u`.
@@ -182,7 +186,7 @@ impl<'w, 'a> Rays<'w, 'a> {
             let origin = walk.tracer.leave(&from, direction);
             let Some(hit) = walk.tracer.closest_hit(origin, direction, f32::INFINITY) else { return };
             let [j0, j1, u0, u1] = samples.following(i, bounce);
-            let Some((place, albedo)) = patches.find(&hit, direction, [j0, j1], walk.emitters.is_none()) else {
+            let Some((place, albedo)) = patches.find(&hit, direction, [j0, j1], self.anew) else {
                 let throughput = weight * std::f32::consts::PI;
                 let pdf = warp::pdf_cosine_hemisphere(direction.dot(from.normal));
                 let walk = Walk { max_bounces: walk.max_bounces - bounce, ..*walk };
@@ -199,7 +203,7 @@ impl<'w, 'a> Rays<'w, 'a> {
                 Place::Texel(row) => self.found.texels.push(Term { row, weight }),
                 Place::Point => {
                     let surface = walk.tracer.surface(&hit, direction);
-                    self.traced.reflect_lights(&surface, -direction, arriving);
+                    self.traced.vertex(&surface, -direction, arriving, bounce, || samples.sampler(i));
                 }
             }
             from = front(walk.tracer.asset(), hit.triangle as usize, hit.u, hit.v);

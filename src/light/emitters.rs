@@ -1,4 +1,5 @@
-//! The asset's emissive triangles as one light, sampled in proportion to emitted power.
+//! The asset's emissive triangles as one light, sampled in proportion to emitted power; and the fixed points that stand for
+//! it where light is measured.
 
 use glam::{Vec2, Vec3};
 
@@ -39,10 +40,13 @@ impl<'a> Emitters<'a> {
         let mut weights = Vec::new();
         for (triangle, &material) in mesh.triangle_materials.iter().enumerate() {
             let material = &asset.materials[material as usize];
+            if material.emissive == Vec3::ZERO {
+                continue;
+            }
             // A textured emitter counts with its mean over seven points, and never with nothing, so that it can be drawn.
             let mean = SEVEN_POINTS.iter().map(|&[u, v]| asset.emitted(material, triangle, u, v)).sum::<Vec3>() / 7.0;
             let area = mesh.triangle_cross(triangle).length() * 0.5;
-            if material.emissive != Vec3::ZERO && area > 0.0 {
+            if area > 0.0 {
                 let floor = 0.01 * colour::luminance(material.emissive);
                 triangles.push(triangle as u32);
                 weights.push((colour::luminance(mean).max(floor), area));
@@ -66,10 +70,15 @@ impl<'a> Emitters<'a> {
         Some(Self { asset, triangles, cumulative, area_density })
     }
 
+    /// The triangle at this share of the power, in [0, 1).
+    fn at_share(&self, u: f32) -> usize {
+        let last = self.triangles.len() - 1;
+        self.triangles[self.cumulative.partition_point(|&c| c <= u).min(last)] as usize
+    }
+
     /// Draws a direction from `from` towards an emitter; `None` where it faces away or something hides it.
     pub fn sample(&self, tracer: &Tracer, from: &Surface, u: [f32; 4]) -> Option<ToEmitter> {
-        let last = self.triangles.len() - 1;
-        let triangle = self.triangles[self.cumulative.partition_point(|&c| c <= u[0]).min(last)] as usize;
+        let triangle = self.at_share(u[0]);
         let b = warp::sample_uniform_triangle(Vec2::new(u[1], u[2]));
         let [p0, p1, p2] = self.asset.mesh.triangle_positions(triangle);
         let target = p0 * (1.0 - b.x - b.y) + p1 * b.x + p2 * b.y;
@@ -93,6 +102,50 @@ impl<'a> Emitters<'a> {
         let cos_light = -direction.dot(surface.geometric_normal);
         let distance2 = surface.position.distance_squared(origin);
         self.area_density[hit.triangle as usize] * distance2 / cos_light.max(1e-6)
+    }
+}
+
+/// Points that stand for an asset's emission where light is measured.
+const FACETS: usize = 64;
+
+/// A point of an emissive surface that stands for a part of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EmissionFacet {
+    pub position: Vec3,
+    /// Unit normal of the side that shines.
+    pub normal: Vec3,
+    /// Candela along the normal.
+    pub intensity: Rgb,
+}
+
+/// What stands for an asset's own emission where light is measured, at unit scale.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EmissionFacets(pub Vec<EmissionFacet>);
+
+impl EmissionFacets {
+    /// Points that are evenly spread over the emitted power; none where nothing emits.
+    pub fn of(asset: &Asset) -> Self {
+        let Some(emitters) = Emitters::new(asset) else { return Self::default() };
+        let mut facets = Vec::with_capacity(FACETS);
+        for k in 0..FACETS {
+            let triangle = emitters.at_share((k as f32 + 0.5) / FACETS as f32);
+            // Points of the R2 sequence (Roberts 2018), the most even that grows one by one.
+            let u = Vec2::new(0.5 + 0.754_877_7 * k as f32, 0.5 + 0.569_840_3 * k as f32).fract();
+            let b = warp::sample_uniform_triangle(u);
+            let [p0, p1, p2] = asset.mesh.triangle_positions(triangle);
+            let material = &asset.materials[asset.mesh.triangle_materials[triangle] as usize];
+            let area = 1.0 / (FACETS as f32 * emitters.area_density[triangle]);
+            let facet = EmissionFacet {
+                position: p0 * (1.0 - b.x - b.y) + p1 * b.x + p2 * b.y,
+                normal: (p1 - p0).cross(p2 - p0).normalize(),
+                intensity: asset.emitted(material, triangle, b.x, b.y) * area,
+            };
+            facets.push(facet);
+            if material.double_sided {
+                facets.push(EmissionFacet { normal: -facet.normal, ..facet });
+            }
+        }
+        Self(facets)
     }
 }
 
