@@ -123,7 +123,7 @@ fn scene_file() -> impl Strategy<Value = SceneFile> {
             lightmap: LightmapSettings { size, uv: if second { UvPolicy::Unwrap } else { UvPolicy::Auto } },
             scenario,
             points: PointSettings { count, sub_points },
-            bake: BakeSettings { conditions, held_out, paths, max_bounces, seed, .. },
+            bake: BakeSettings { conditions, held_out, paths, max_bounces, seed, ..Default::default() },
             train: TrainSettings {
                 method: if belcour { Method::Belcour } else { Method::Linear },
                 basis,
