@@ -21,9 +21,12 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// Whether a file at `path` could be written later: the nearest folder that exists above it takes new files. To be asked
-/// before long work whose result goes there.
+/// Whether a file at `path` could be written later: no folder has its name, and the nearest folder that exists above it
+/// takes new files. To be asked before long work whose result goes there.
 pub fn check_writable(path: &Path) -> io::Result<()> {
+    if path.is_dir() {
+        return Err(io::ErrorKind::IsADirectory.into());
+    }
     let above =
         path.ancestors().skip(1).map(|folder| if folder.as_os_str().is_empty() { Path::new(".") } else { folder });
     let existing = above.into_iter().find(|folder| folder.exists()).unwrap_or(Path::new("."));

@@ -211,17 +211,6 @@ impl SceneFile {
         if let Some(path) = self.asset.path.as_deref().filter(|path| path.to_str().is_none()) {
             return Err(error(format!("the asset's path {} is not UTF-8; rename the file", path.display())));
         }
-        // A bake that cannot fit is refused before it starts.
-        let texels = (self.lightmap.size as u64).pow(2);
-        let bytes = texels * 3 * (self.bake.conditions + self.bake.held_out) as u64 * 4;
-        if bytes > MOST_BYTES {
-            return Err(error(format!(
-                "{} conditions on a {2}x{2} lightmap need {1} GiB of memory; lower bake.conditions or lightmap.size",
-                self.bake.conditions + self.bake.held_out,
-                bytes >> 30,
-                self.lightmap.size
-            )));
-        }
         Ok(())
     }
 
@@ -246,9 +235,6 @@ impl SceneFile {
         Ok(asset)
     }
 }
-
-/// Largest I that is held in memory.
-const MOST_BYTES: u64 = 64 << 30;
 
 /// A TOML error in one line, with the line's number.
 pub fn one_line(text: &str, error: &toml::de::Error) -> String {

@@ -4,7 +4,7 @@ use std::sync::Once;
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use relight::dataset::Dataset;
+use relight::dataset::{Dataset, Indirect};
 use relight::light::LightingCondition;
 use relight::math::Rgb;
 use relight::model::Channels;
@@ -40,7 +40,7 @@ fn synthetic(points: usize, texels: usize, training: usize, held_out: usize, ran
         conditions: vec![LightingCondition::default(); n],
         training,
         direct,
-        indirect,
+        indirect: Indirect::Memory(indirect),
         texel_areas: (0..texels).map(|_| 0.5 + uniform() as f32).collect(),
         noise: vec![0.0; n],
     }
@@ -55,6 +55,14 @@ fn fit(dataset: &Dataset, settings: TrainSettings) -> (Fit, HeldOutErrors) {
     let fit = Fit::train(dataset, &gram, settings).unwrap();
     let errors = HeldOutErrors::of(&fit, dataset, &gram);
     (fit, errors)
+}
+
+/// I, which these datasets have in memory.
+fn indirect(dataset: &Dataset) -> &[f32] {
+    match &dataset.indirect {
+        Indirect::Memory(values) => values,
+        Indirect::Folder(_) => unreachable!("made by `synthetic`"),
+    }
 }
 
 /// x of one condition, one RGB a point.
@@ -78,7 +86,7 @@ fn error_by_definition(
             let component = if components == 1 { 0 } else { channel };
             let value = |j: usize| values[(j * components + component) * texels + t] as f64;
             let estimate: f64 = coefficients.iter().enumerate().map(|(j, u)| u[channel] as f64 * value(j)).sum();
-            let truth = dataset.indirect[t * 3 * n + channel * n + condition] as f64;
+            let truth = indirect(dataset)[t * 3 * n + channel * n + condition] as f64;
             let area = dataset.texel_areas[t] as f64;
             error += area * (truth - estimate).powi(2);
             norm += area * truth * truth;
@@ -110,7 +118,7 @@ fn errors_from_inner_products_are_those_of_the_definition() {
     for method in [Method::Linear, Method::Belcour] {
         for channels in [Channels::Mono, Channels::Multi] {
             let (fit, errors) = fit(&dataset, settings(method, channels, 5, Lambda::Relative(1e-3)));
-            let (values, transfer) = fit.expand(&dataset);
+            let (values, transfer) = fit.expand(&dataset, &Silent).unwrap();
             let components = if channels == Channels::Mono { 1 } else { 3 };
             for (h, &expected) in dataset.held_out().zip(&errors.transfer) {
                 let u = transfer.coefficients(&direct_of(&dataset, h));
@@ -143,7 +151,7 @@ fn coefficients_of_two_lights_add_with_linear_and_not_with_belcour() {
     let dataset = synthetic(12, 150, 40, 10, 9, 0.3);
     let deviation = |method| {
         let (fit, _) = fit(&dataset, settings(method, Channels::Mono, 5, Lambda::Relative(1e-3)));
-        let (_, transfer) = fit.expand(&dataset);
+        let (_, transfer) = fit.expand(&dataset, &Silent).unwrap();
         let (a, b) = (direct_of(&dataset, 41), direct_of(&dataset, 45));
         let both: Vec<Rgb> = a.iter().zip(&b).map(|(a, b)| *a + *b).collect();
         let (a, b, both) = (transfer.coefficients(&a), transfer.coefficients(&b), transfer.coefficients(&both));
@@ -159,7 +167,7 @@ fn coefficients_of_two_lights_add_with_linear_and_not_with_belcour() {
 fn mono_transfer_keeps_the_colour_of_light() {
     let dataset = synthetic(12, 150, 40, 10, 9, 0.3);
     let (fit, _) = fit(&dataset, settings(Method::Linear, Channels::Mono, 5, Lambda::LeaveOneOut));
-    let (_, transfer) = fit.expand(&dataset);
+    let (_, transfer) = fit.expand(&dataset, &Silent).unwrap();
     let x = direct_of(&dataset, 42);
     let tint = Rgb::new(0.25, 2.0, 0.0);
     let tinted: Vec<Rgb> = x.iter().map(|&x| x * tint).collect();
@@ -223,7 +231,8 @@ fn degenerate_datasets_stay_finite() {
         (0..3).for_each(|c| row[c * n + 5] = 0.0);
     }
     let mut repeated = synthetic(12, 80, 20, 10, 4, 0.1);
-    for matrix in [&mut repeated.direct, &mut repeated.indirect] {
+    let Indirect::Memory(lightmaps) = &mut repeated.indirect else { unreachable!() };
+    for matrix in [&mut repeated.direct, lightmaps] {
         for row in matrix.chunks_mut(n) {
             row.copy_within(0..1, 1);
             row.copy_within(0..1, 2);
@@ -235,7 +244,7 @@ fn degenerate_datasets_stay_finite() {
             for lambda in [Lambda::LeaveOneOut, Lambda::Relative(0.0)] {
                 let (fit, errors) = fit(dataset, settings(method, Channels::Mono, elements, lambda));
                 assert_eq!(fit.dropped, dropped);
-                let (values, transfer) = fit.expand(dataset);
+                let (values, transfer) = fit.expand(dataset, &Silent).unwrap();
                 assert!(values.iter().chain(transfer.matrices.iter().flatten()).all(|v| v.is_finite()));
                 assert!(errors.transfer.iter().all(|e| e.is_finite()));
             }
@@ -254,6 +263,7 @@ fn fewer_conditions_than_elements_is_an_error() {
 #[test]
 fn values_that_are_not_finite_are_an_error() {
     let mut dataset = synthetic(12, 80, 10, 10, 4, 0.1);
-    dataset.indirect[100] = f32::NAN;
+    let Indirect::Memory(lightmaps) = &mut dataset.indirect else { unreachable!() };
+    lightmaps[100] = f32::NAN;
     assert!(matches!(Gram::of(&dataset, &Silent), Err(TransferError::NotFinite { .. })));
 }

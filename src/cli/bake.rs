@@ -10,9 +10,9 @@ use serde_json::json;
 
 use super::lights::{LIGHT_HELP, lights};
 use super::pipeline::prepare;
-use super::reporter::peak_bytes;
 use super::settings::Overrides;
 use super::{Failure, Reporter};
+use crate::dataset::Bytes;
 use crate::light::LightingCondition;
 use crate::scene::{Lightmap, Tracer};
 use crate::scene_file::SceneFile;
@@ -67,7 +67,7 @@ impl Bake {
                 "texels": texels,
                 "paths_per_texel": settings.paths,
                 "noise": baked.noise[0],
-                "peak_bytes": peak_bytes(),
+                "peak_bytes": Bytes::peak(),
             }),
         )
     }

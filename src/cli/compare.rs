@@ -6,6 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::pipeline::{Prepared, Trained};
+use super::storage::{Place, Storage};
 use super::{Failure, Reporter};
 use crate::dataset::{Dataset, Draw};
 use crate::light::scenario::{KindWeights, Sky};
@@ -16,6 +17,7 @@ use crate::report::Row;
 use crate::report::assemble::{Inputs, Scenery};
 use crate::report::page::method_label;
 use crate::scene::Tracer;
+use crate::scene_file::SceneFile;
 use crate::transfer::Gram;
 
 /// Compare a model with the paper's baseline and with classical SH PRT
@@ -29,6 +31,8 @@ pub struct Compare {
     /// Paths per pixel of the reference pictures
     #[arg(long, default_value_t = REFERENCE_PATHS, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     pub reference_paths: u32,
+    #[command(flatten)]
+    pub storage: Storage,
 }
 
 /// At this many paths a pixel the reference's noise hardly shows in a picture.
@@ -42,8 +46,9 @@ impl Compare {
         let model = Model::load(&self.model)?;
         super::check_output(&self.output.join("report.html"))?;
         let prepared = Prepared::from_model(&model, &self.model)?;
-        // The dataset is a function of the scene settings and the seed: baked anew, it has the same bits.
-        let trained = prepared.train(reporter)?;
+        // The dataset is a function of the scene settings and the seed: where its folder is gone, it is baked anew.
+        let place = self.storage.place(&self.model);
+        let trained = prepared.train(&place, reporter)?;
         if trained.model.record != model.record {
             reporter.note(&format!(
                 "warning: {}: this build trains to another error ({:.2} % instead of {:.2} %); figures are this build's",
@@ -52,7 +57,7 @@ impl Compare {
                 100.0 * model.record.held_out.mean
             ));
         }
-        compare(&prepared, &trained, &self.output, self.reference_paths, json, reporter)
+        compare(&prepared, &trained, &place, &self.output, self.reference_paths, json, reporter)
     }
 }
 
@@ -60,13 +65,14 @@ impl Compare {
 pub fn compare(
     prepared: &Prepared,
     trained: &Trained,
+    place: &Place,
     folder: &Path,
     reference_paths: u32,
     json: Option<&Path>,
     reporter: &Reporter,
 ) -> Result<(), Failure> {
     let tracer = Tracer::new(&prepared.asset);
-    let distant = distant(prepared, trained, &tracer, reporter)?;
+    let distant = distant(prepared, trained, place, &tracer, reporter)?;
     let own = Scenery { name: "as trained", dataset: &trained.dataset, gram: &trained.gram };
     let mut scenarios = vec![own];
     if let Some((dataset, gram)) = &distant {
@@ -79,6 +85,7 @@ pub fn compare(
         bake: prepared.bake_settings(),
         lambda: prepared.scene.train.lambda,
         reference_paths,
+        memory: place.memory,
         fit: &trained.fit,
         scenarios,
     };
@@ -102,6 +109,7 @@ pub fn compare(
 fn distant(
     prepared: &Prepared,
     trained: &Trained,
+    place: &Place,
     tracer: &Tracer,
     reporter: &Reporter,
 ) -> Result<Option<(Dataset, Gram)>, Failure> {
@@ -132,7 +140,9 @@ fn distant(
     // Suns that no measurement point sees would be dropped after the bake; they are not baked in the first place.
     let training = lit.iter().filter(|&&c| c < draw.training).count();
     let conditions = lit.iter().map(|&c| conditions[c].clone()).collect();
-    let dataset = Dataset::bake(tracer, &prepared.lightmap, points, conditions, training, &settings, reporter)?;
+    let scene = SceneFile { scenario, ..prepared.scene.clone() };
+    let place = Place { folder: place.folder.join("distant"), memory: place.memory };
+    let dataset = prepared.bake(&scene, tracer, points, conditions, training, &place, reporter)?;
     let gram = Gram::of(&dataset, reporter)?;
     Ok(Some((dataset, gram)))
 }

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use super::compare::{REFERENCE_PATHS, compare};
 use super::pipeline::prepare;
+use super::storage::Storage;
 use super::train::{default_output, figures, print_summary};
 use super::{Failure, Reporter};
 use crate::scene_file::SceneFile;
@@ -13,11 +14,12 @@ pub fn run(json: Option<&Path>, reporter: &Reporter) -> Result<(), Failure> {
     let start = Instant::now();
     let prepared = prepare(SceneFile::cornell(), "cornell", reporter)?;
     let output = default_output(&prepared.asset.name);
-    let trained = prepared.train(reporter)?;
+    let place = Storage::default().place(&output);
+    let trained = prepared.train(&place, reporter)?;
     let bytes = trained.model.save(&output)?;
     print_summary(&trained, &output, bytes);
     let figures = figures(&trained, bytes, start.elapsed().as_secs_f64());
-    compare(&prepared, &trained, Path::new("out"), REFERENCE_PATHS, None, reporter)?;
+    compare(&prepared, &trained, &place, Path::new("out"), REFERENCE_PATHS, None, reporter)?;
     println!("done in {:.0} s. Next:", start.elapsed().as_secs_f64());
     println!("  open out/report.html in a browser");
     println!("  relight train YOUR.glb -o out/yours.relight        train a transfer for your own asset");

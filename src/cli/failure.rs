@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+use super::Reporter;
+use crate::dataset::DatasetError;
 use crate::gpu::GpuError;
 use crate::light::ScenarioError;
 use crate::measure::PointsError;
@@ -26,7 +28,7 @@ pub enum Failure {
 
 impl Failure {
     /// Prints the one line and gives the exit status.
-    pub fn report(&self) -> ExitCode {
+    pub fn report(&self, reporter: &Reporter) -> ExitCode {
         match self {
             Failure::Input(line) => {
                 eprintln!("error: {line}");
@@ -37,7 +39,7 @@ impl Failure {
                 ExitCode::from(1)
             }
             Failure::Stopped => {
-                eprintln!("stopped; nothing was written. The same command starts again and gives the same result");
+                reporter.say_stopped();
                 ExitCode::from(1)
             }
         }
@@ -53,13 +55,35 @@ macro_rules! input_error {
         })*
     };
 }
-input_error!(SceneError, SceneFileError, ScenarioError, PointsError, TransferError, ViewError);
+input_error!(SceneError, SceneFileError, ScenarioError, PointsError, ViewError);
 
 impl From<BakeError> for Failure {
     fn from(error: BakeError) -> Self {
         match error {
             BakeError::Cancelled => Failure::Stopped,
             BakeError::NotDiffuse { .. } => Failure::Input(error.to_string()),
+        }
+    }
+}
+
+impl From<DatasetError> for Failure {
+    fn from(error: DatasetError) -> Self {
+        match error {
+            DatasetError::Cancelled => Failure::Stopped,
+            DatasetError::Bake(error) => error.into(),
+            DatasetError::Read { .. } | DatasetError::Write { .. } | DatasetError::InUse { .. } => {
+                Failure::Work(error.to_string())
+            }
+            _ => Failure::Input(error.to_string()),
+        }
+    }
+}
+
+impl From<TransferError> for Failure {
+    fn from(error: TransferError) -> Self {
+        match error {
+            TransferError::Dataset(error) => error.into(),
+            _ => Failure::Input(error.to_string()),
         }
     }
 }
@@ -101,6 +125,7 @@ impl From<ReportError> for Failure {
     fn from(error: ReportError) -> Self {
         match error {
             ReportError::Transfer(error) => error.into(),
+            ReportError::Dataset(error) => error.into(),
             ReportError::View(error) => error.into(),
             ReportError::Bake(error) => error.into(),
         }

@@ -10,6 +10,7 @@ pub mod pipeline;
 pub mod render;
 pub mod reporter;
 pub mod settings;
+pub mod storage;
 pub mod train;
 
 use std::path::{Path, PathBuf};
@@ -17,6 +18,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::dataset::memory::return_freed_memory;
 use crate::files::{check_writable, write_whole};
 pub use failure::Failure;
 pub use reporter::Reporter;
@@ -52,10 +54,11 @@ enum Command {
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
     let reporter = Reporter::new();
+    return_freed_memory();
     if let Some(threads) = arguments.threads
         && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global()
     {
-        return Failure::Work(format!("cannot start {threads} threads: {error}")).report();
+        return Failure::Work(format!("cannot start {threads} threads: {error}")).report(&reporter);
     }
     // Linear algebra runs inside our own tasks; threads of its own would make rounding depend on their number.
     faer::set_global_parallelism(faer::Par::Seq);
@@ -70,7 +73,7 @@ pub fn run() -> ExitCode {
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => failure.report(),
+        Err(failure) => failure.report(&reporter),
     }
 }
 

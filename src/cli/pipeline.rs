@@ -3,15 +3,17 @@
 use std::path::Path;
 use std::time::Instant;
 
-use crate::dataset::{Dataset, Draw};
+use crate::dataset::{Dataset, Draw, Job, identity};
+use crate::light::LightingCondition;
 use crate::measure::MeasurementPoints;
 use crate::model::{Basis, HeldOut, Model, TrainingRecord};
 use crate::progress::Progress;
 use crate::scene::{Asset, Lightmap, Tracer, lay_out};
 use crate::scene_file::SceneFile;
-use crate::transfer::{Fit, Gram, HeldOutErrors, TrainSettings};
+use crate::transfer::{Fit, Gram, HeldOutErrors, TrainSettings, TransferError};
 use crate::transport::BakeSettings;
 
+use super::storage::{Place, baked_settings};
 use super::{Failure, Reporter};
 
 /// An asset with its lightmap laid out.
@@ -64,22 +66,56 @@ impl Prepared {
         BakeSettings { paths: bake.paths, max_bounces: bake.max_bounces, seed: bake.seed, integrator: bake.integrator }
     }
 
-    /// Places points, draws conditions and bakes them.
-    pub fn dataset(&self, tracer: &Tracer, reporter: &Reporter) -> Result<(MeasurementPoints, Dataset), Failure> {
+    /// Places points, draws conditions and bakes those that the dataset's folder does not have.
+    fn dataset(
+        &self,
+        tracer: &Tracer,
+        place: &Place,
+        reporter: &Reporter,
+    ) -> Result<(MeasurementPoints, Dataset), Failure> {
         let (settings, bake) = (&self.scene.points, &self.scene.bake);
         let points = MeasurementPoints::place(&self.asset, settings.count, settings.sub_points, bake.seed)?;
         let draw = Draw { scenario: &self.scene.scenario, training: bake.conditions, held_out: bake.held_out };
         let conditions = draw.conditions(tracer, bake.seed)?;
-        let settings = self.bake_settings();
-        let dataset = Dataset::bake(tracer, &self.lightmap, &points, conditions, draw.training, &settings, reporter)?;
+        let dataset = self.bake(&self.scene, tracer, &points, conditions, draw.training, place, reporter)?;
         Ok((points, dataset))
     }
 
+    /// Opens or bakes the dataset of `scene`'s settings in the folder of `place`.
+    #[expect(clippy::too_many_arguments, reason = "one of each kind")]
+    pub fn bake(
+        &self,
+        scene: &SceneFile,
+        tracer: &Tracer,
+        points: &MeasurementPoints,
+        conditions: Vec<LightingCondition>,
+        training: usize,
+        place: &Place,
+        reporter: &Reporter,
+    ) -> Result<Dataset, Failure> {
+        let settings = self.bake_settings();
+        let job = Job {
+            tracer,
+            lightmap: &self.lightmap,
+            points,
+            settings: &settings,
+            identity: &identity(baked_settings(scene), &self.asset.hash(), &self.lightmap, points),
+            memory: place.memory,
+        };
+        reporter.keeps_in(&place.folder);
+        Ok(Dataset::in_folder(&place.folder, &job, conditions, training, reporter)?)
+    }
+
     /// Bakes and trains.
-    pub fn train(&self, reporter: &Reporter) -> Result<Trained, Failure> {
+    pub fn train(&self, place: &Place, reporter: &Reporter) -> Result<Trained, Failure> {
         let start = Instant::now();
+        let (all, elements) = (self.scene.bake.conditions, self.scene.train.basis);
+        if all < elements {
+            return Err(TransferError::TooFewConditions { kept: all, all, elements }.into());
+        }
+        place.check_training(&self.scene, self.lightmap.texels.len())?;
         let tracer = Tracer::new(&self.asset);
-        let (points, dataset) = self.dataset(&tracer, reporter)?;
+        let (points, dataset) = self.dataset(&tracer, place, reporter)?;
         let bake_seconds = start.elapsed().as_secs_f64();
         let start = Instant::now();
         let gram = Gram::of(&dataset, reporter)?;
@@ -96,13 +132,20 @@ impl Prepared {
                 .note(&format!("{} of {} conditions light nothing and were dropped", fit.dropped, dataset.training));
         }
         let errors = HeldOutErrors::of(&fit, &dataset, &gram);
-        let model = self.assemble(points, &dataset, &fit, &errors);
+        let model = self.assemble(points, &dataset, &fit, &errors, reporter)?;
         let train_seconds = start.elapsed().as_secs_f64();
         Ok(Trained { model, dataset, gram, fit, paths: self.scene.bake.paths, bake_seconds, train_seconds })
     }
 
-    fn assemble(&self, points: MeasurementPoints, dataset: &Dataset, fit: &Fit, errors: &HeldOutErrors) -> Model {
-        let (values, transfer) = fit.expand(dataset);
+    fn assemble(
+        &self,
+        points: MeasurementPoints,
+        dataset: &Dataset,
+        fit: &Fit,
+        errors: &HeldOutErrors,
+        reporter: &Reporter,
+    ) -> Result<Model, Failure> {
+        let (values, transfer) = fit.expand(dataset, reporter)?;
         let basis = Basis::from_texels(&self.lightmap, transfer.elements, &values);
         let summary = errors.summary();
         let noise = &dataset.noise[dataset.held_out()];
@@ -122,6 +165,6 @@ impl Prepared {
                 noise: noise.iter().map(|&n| n as f64).sum::<f64>() / noise.len().max(1) as f64,
             },
         };
-        Model { asset: self.asset.clone(), points, basis, transfer, record }
+        Ok(Model { asset: self.asset.clone(), points, basis, transfer, record })
     }
 }

@@ -1,6 +1,7 @@
 //! Progress on stderr: a bar when it is a terminal, a line every few seconds when it is not; and Ctrl-C.
 
 use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -21,7 +22,34 @@ pub struct Reporter {
     done: AtomicU64,
     /// Milliseconds after the stage's start at which the next line is due.
     next_line: AtomicU64,
+    stop: Arc<Stop>,
 }
+
+/// What is said when the work stops before its end.
+#[derive(Default)]
+struct Stop {
+    /// The folder that keeps what was done.
+    kept: Mutex<Option<PathBuf>>,
+    said: AtomicBool,
+}
+
+impl Stop {
+    fn say(&self) {
+        if self.said.swap(true, Relaxed) {
+            return;
+        }
+        match &*self.kept.lock().unwrap_or_else(|e| e.into_inner()) {
+            Some(folder) => eprintln!(
+                "stopped; what was baked is kept in {}: the same command goes on from there and gives the same result",
+                folder.display()
+            ),
+            None => eprintln!("stopped; nothing was written. The same command starts again and gives the same result"),
+        }
+    }
+}
+
+/// What does not ask whether to stop is ended this long after Ctrl-C. Files are whole or not there at any moment.
+const PATIENCE: Duration = Duration::from_millis(800);
 
 struct Stage {
     what: String,
@@ -32,15 +60,18 @@ struct Stage {
 }
 
 impl Reporter {
-    /// Takes over Ctrl-C and SIGTERM: the first asks the work to stop, the second ends the program.
+    /// Takes over Ctrl-C and SIGTERM: they ask the work to stop, and end the program when it does not within a second.
     pub fn new() -> Self {
         let cancelled = Arc::new(AtomicBool::new(false));
         let flag = cancelled.clone();
+        let stop = Arc::new(Stop::default());
+        let said = stop.clone();
         // Without a handler, a stop is merely less polite.
         let _ = ctrlc::set_handler(move || {
-            if flag.swap(true, Relaxed) {
-                std::process::exit(130);
-            }
+            flag.store(true, Relaxed);
+            std::thread::sleep(PATIENCE);
+            said.say();
+            std::process::exit(1);
         });
         Self {
             cancelled,
@@ -48,7 +79,18 @@ impl Reporter {
             stage: Mutex::new(None),
             done: AtomicU64::new(0),
             next_line: AtomicU64::new(0),
+            stop,
         }
+    }
+
+    /// From now on, what is baked is kept in `folder`.
+    pub fn keeps_in(&self, folder: &Path) {
+        *self.stop.kept.lock().unwrap_or_else(|e| e.into_inner()) = Some(folder.to_owned());
+    }
+
+    /// Says, once, that the work was stopped, and how it goes on.
+    pub fn say_stopped(&self) {
+        self.stop.say();
     }
 
     fn print(&self, line: &str) {
@@ -128,11 +170,4 @@ impl Progress for Reporter {
 /// Minutes and seconds.
 fn clock(duration: Duration) -> String {
     format!("{}:{:02}", duration.as_secs() / 60, duration.as_secs() % 60)
-}
-
-/// Largest resident memory of this process so far, where the system tells.
-pub fn peak_bytes() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
 }

@@ -7,9 +7,10 @@ use clap::Args;
 use serde_json::json;
 
 use super::pipeline::{Prepared, Trained, prepare};
-use super::reporter::peak_bytes;
 use super::settings::Overrides;
+use super::storage::Storage;
 use super::{Failure, Reporter};
+use crate::dataset::Bytes;
 use crate::report::figures as pictures;
 use crate::scene::Tracer;
 use crate::scene_file::SceneFile;
@@ -26,6 +27,8 @@ pub struct Train {
     #[arg(long, value_name = "DIR")]
     pub debug_images: Option<PathBuf>,
     #[command(flatten)]
+    pub storage: Storage,
+    #[command(flatten)]
     pub overrides: Overrides,
 }
 
@@ -37,13 +40,15 @@ impl Train {
             None => (SceneFile::cornell(), "cornell".to_owned()),
         };
         self.overrides.apply(&mut scene, &place)?;
+        // What cannot fit whatever the asset is refused before the asset is read.
+        self.storage.place(Path::new("")).check_training(&scene, 0)?;
         let prepared = prepare(scene, &place, reporter)?;
         let output = self.output.clone().unwrap_or_else(|| default_output(&prepared.asset.name));
         super::check_output(&output)?;
-        let trained = prepared.train(reporter)?;
+        let trained = prepared.train(&self.storage.place(&output), reporter)?;
         let bytes = trained.model.save(&output)?;
         if let Some(folder) = &self.debug_images {
-            write_debug_images(folder, &prepared, &trained)?;
+            write_debug_images(folder, &prepared, &trained, reporter)?;
         }
         let figures = figures(&trained, bytes, start.elapsed().as_secs_f64());
         print_summary(&trained, &output, bytes);
@@ -52,13 +57,19 @@ impl Train {
 }
 
 /// Pictures of the points (paper, Figure 4) and of the basis.
-fn write_debug_images(folder: &Path, prepared: &Prepared, trained: &Trained) -> Result<(), Failure> {
+fn write_debug_images(
+    folder: &Path,
+    prepared: &Prepared,
+    trained: &Trained,
+    reporter: &Reporter,
+) -> Result<(), Failure> {
     let tracer = Tracer::new(&prepared.asset);
     let points = pictures::point_images(&tracer, &trained.model.points)?;
     for (name, image) in ["points", "sub-points"].iter().zip(points) {
         super::write_file(&folder.join(format!("{name}.png")), &image.png)?;
     }
-    for (j, image) in pictures::basis_images(&prepared.lightmap, &trained.fit, &trained.dataset).iter().enumerate() {
+    let basis = pictures::basis_images(&prepared.lightmap, &trained.fit, &trained.dataset, reporter)?;
+    for (j, image) in basis.iter().enumerate() {
         super::write_file(&folder.join(format!("basis-{:02}.png", j + 1)), &image.png)?;
     }
     println!("wrote pictures of the points and the basis to {}", folder.display());
@@ -95,7 +106,7 @@ pub fn figures(trained: &Trained, model_bytes: u64, total_seconds: f64) -> serde
         "seconds": { "bake": trained.bake_seconds, "train": trained.train_seconds, "total": total_seconds },
         "texels": trained.dataset.texels(),
         "paths_per_texel": trained.paths,
-        "peak_bytes": peak_bytes(),
+        "peak_bytes": Bytes::peak(),
         "model_bytes": model_bytes,
     })
 }
@@ -123,6 +134,6 @@ pub fn print_summary(trained: &Trained, output: &Path, bytes: u64) {
         percent(held_out.oracle_mean),
         percent(held_out.noise)
     );
-    let peak = peak_bytes().map_or(String::new(), |peak| format!("; peak memory {:.0} MB", peak as f64 * 1e-6));
+    let peak = Bytes::peak().map_or(String::new(), |peak| format!("; peak memory {:.0} MB", peak as f64 * 1e-6));
     println!("wrote {} ({:.1} MB){peak}", output.display(), bytes as f64 * 1e-6);
 }

@@ -1,6 +1,6 @@
 //! Bakes a dataset: draws the conditions, measures D, path traces I.
 
-use super::Dataset;
+use super::{Dataset, Indirect};
 use crate::light::{EmissionFacets, LightTable, LightingCondition, Scenario, ScenarioError};
 use crate::math::sampler::mix64;
 use crate::measure::MeasurementPoints;
@@ -31,7 +31,7 @@ impl Draw<'_> {
 }
 
 impl Dataset {
-    /// Measures and bakes `conditions`, the first `training` of which are to train on.
+    /// Measures and bakes `conditions` in memory, the first `training` of which are to train on.
     ///
     /// # Errors
     /// When `progress` cancels.
@@ -50,7 +50,7 @@ impl Dataset {
         Ok(Self {
             training,
             direct,
-            indirect: baked.indirect,
+            indirect: Indirect::Memory(baked.indirect),
             texel_areas: lightmap.texels.iter().map(|t| t.area).collect(),
             noise: baked.noise,
             conditions,

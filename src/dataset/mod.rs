@@ -1,10 +1,24 @@
 //! The matrices D and I: measured direct light and baked indirect light of the same lighting conditions.
+//!
+//! I is T × 3N values, in memory or in a folder of shards ([`folder`]); either way it is walked a few texels at a time.
 
 pub mod build;
+pub mod error;
+pub mod folder;
+pub mod manifest;
+pub mod memory;
+mod shard;
+
+use std::ops::Range;
 
 pub use build::Draw;
+pub use error::DatasetError;
+pub use folder::Job;
+pub use manifest::{Identity, identity};
+pub use memory::Bytes;
 
 use crate::light::LightingCondition;
+use crate::progress::Progress;
 
 /// N conditions, the first `training` to train on, the rest held out.
 #[derive(Clone, Debug)]
@@ -14,13 +28,22 @@ pub struct Dataset {
     pub training: usize,
     /// D: `[point][channel][condition]`, radiant exitance at the measurement points.
     pub direct: Vec<f32>,
-    /// I: `[texel][channel][condition]`, indirect irradiance.
-    pub indirect: Vec<f32>,
+    pub indirect: Indirect,
     /// Surface area of each texel, m²: its weight in every inner product.
     pub texel_areas: Vec<f32>,
     /// Per condition, relative RMSE of I that is the path tracer's noise.
     pub noise: Vec<f32>,
 }
+
+/// I: `[texel][channel][condition]`, indirect irradiance.
+#[derive(Clone, Debug)]
+pub enum Indirect {
+    Memory(Vec<f32>),
+    Folder(folder::Shards),
+}
+
+/// Texels that I is walked by: 256 rows of 1,000 f64 vectors fill 2 MB, the second-level cache.
+pub const ROWS: usize = 256;
 
 impl Dataset {
     /// P.
@@ -34,7 +57,7 @@ impl Dataset {
     }
 
     /// Indices of the held-out conditions.
-    pub fn held_out(&self) -> std::ops::Range<usize> {
+    pub fn held_out(&self) -> Range<usize> {
         self.training..self.conditions.len()
     }
 
@@ -43,5 +66,47 @@ impl Dataset {
         let n = self.conditions.len();
         let rows = self.direct.chunks_exact(3 * n);
         rows.map(|row| row[channel * n + condition] as f64).collect()
+    }
+
+    /// Hands all of I to `visit`, in order, [`ROWS`] texels at a time, the last the rest: the range of texels and their rows,
+    /// `[texel][channel][condition]`. Texels advance `progress`.
+    ///
+    /// # Errors
+    /// When a shard cannot be read, or `progress` cancels.
+    pub fn for_each_rows(
+        &self,
+        progress: &dyn Progress,
+        mut visit: impl FnMut(Range<usize>, &[f32]),
+    ) -> Result<(), DatasetError> {
+        let row = 3 * self.conditions.len();
+        let visit = &mut |texels: Range<usize>, rows: &[f32]| {
+            if progress.cancelled() {
+                return Err(DatasetError::Cancelled);
+            }
+            let count = texels.len() as u64;
+            visit(texels, rows);
+            progress.advance(count);
+            Ok(())
+        };
+        match &self.indirect {
+            Indirect::Memory(values) => {
+                let blocks = values.chunks((ROWS * row).max(1)).enumerate();
+                blocks.into_iter().try_for_each(|(i, rows)| visit(i * ROWS..i * ROWS + rows.len() / row, rows))
+            }
+            Indirect::Folder(shards) => shards.for_each_rows(row, visit),
+        }
+    }
+
+    /// I of some conditions: `[texel][channel][condition of the range]`.
+    ///
+    /// # Errors
+    /// As [`Self::for_each_rows`].
+    pub fn indirect_of(&self, conditions: Range<usize>, progress: &dyn Progress) -> Result<Vec<f32>, DatasetError> {
+        let n = self.conditions.len();
+        let mut out = Vec::with_capacity(self.texels() * 3 * conditions.len());
+        self.for_each_rows(progress, |_, rows| {
+            rows.chunks(n.max(1)).for_each(|channel| out.extend_from_slice(&channel[conditions.clone()]));
+        })?;
+        Ok(out)
     }
 }

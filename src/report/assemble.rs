@@ -6,7 +6,7 @@ use super::comparison::{Comparison, Row};
 use super::figures::{self, LightmapImage};
 use super::page::{Image, Page, Plate, Plot, method_label};
 use super::plot::{Series, line_plot};
-use crate::dataset::Dataset;
+use crate::dataset::{Bytes, Dataset, DatasetError};
 use crate::light::{EmissionFacets, LightTable, LightingCondition};
 use crate::math::Rgb;
 use crate::model::render::render;
@@ -38,6 +38,8 @@ pub enum ReportError {
     View(#[from] ViewError),
     #[error(transparent)]
     Bake(#[from] BakeError),
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
 }
 
 impl From<PrtError> for ReportError {
@@ -73,6 +75,8 @@ pub struct Inputs<'a> {
     pub lambda: Option<f64>,
     /// Paths per pixel of the reference pictures.
     pub reference_paths: u32,
+    /// Ceiling of the process's resident memory.
+    pub memory: Bytes,
     /// The model's fit.
     pub fit: &'a Fit,
     /// The model's own scenario first.
@@ -101,33 +105,31 @@ impl Inputs<'_> {
         let vertices = bake_vertices(self.tracer, self.lightmap, &settings(16 * self.bake.paths), progress)?;
         let texels = bake_texels(self.tracer, self.lightmap, &settings(4 * self.bake.paths), progress)?;
         let centre = self.model.asset.mesh.bounds().centre();
+        let emission = EmissionFacets::of(&self.model.asset);
 
         let mut rows = Vec::new();
         for scenery in &self.scenarios {
-            let held_out = &scenery.dataset.conditions[scenery.dataset.held_out()];
-            let direct = bake_direct(self.tracer, self.lightmap, held_out, self.bake.seed, progress)?;
             let comparison = Comparison {
                 scenario: scenery.name.to_owned(),
                 dataset: scenery.dataset,
                 gram: scenery.gram,
-                direct: &direct,
                 channels: self.fit.settings.channels,
                 lambda: self.lambda,
-            };
-            rows.extend(comparison.data_driven()?);
-            rows.extend(comparison.classical(
-                &vertices,
-                "sh_prt_vertex",
-                &EmissionFacets::of(&self.model.asset),
+                classical: &[("sh_prt_vertex", &vertices), ("sh_prt_texel", &texels)],
                 centre,
-            ));
-            rows.extend(comparison.classical(&texels, "sh_prt_texel", &EmissionFacets::of(&self.model.asset), centre));
+                emission: &emission,
+                at_once: self.lightmaps_at_once(),
+            };
+            let direct_of = |conditions: &[LightingCondition]| -> Result<Vec<f32>, ReportError> {
+                Ok(bake_direct(self.tracer, self.lightmap, conditions, self.bake.seed, progress)?)
+            };
+            rows.extend(comparison.rows(&direct_of, progress)?);
         }
 
         let own = &self.scenarios[0];
         let mut plates = self.relit(own, &vertices, &texels, centre, progress)?;
         plates.push(self.points()?);
-        plates.push(self.basis(own.dataset));
+        plates.push(self.basis(own.dataset, progress)?);
         let mut images = Vec::new();
         for plate in &plates {
             for (k, image) in plate.rows.iter().flatten().enumerate() {
@@ -148,6 +150,14 @@ impl Inputs<'_> {
             plates,
         };
         Ok(Report { page, images, tables })
+    }
+
+    /// How many held-out lightmaps, direct and indirect, may be in memory together.
+    fn lightmaps_at_once(&self) -> usize {
+        let lightmap = self.lightmap.texels.len() as u64 * 12;
+        // Each thread compares one reconstruction, direct and indirect, with them.
+        let taken = Bytes::resident().0 + 3 * lightmap * rayon::current_num_threads() as u64;
+        (self.memory.0.saturating_sub(taken) / (2 * lightmap).max(1)).max(1) as usize
     }
 
     fn facts(&self, own: &Scenery) -> Vec<(String, String)> {
@@ -208,7 +218,7 @@ impl Inputs<'_> {
         let lit: Vec<usize> = own.dataset.held_out().filter(|&h| own.gram.is_lit(h)).collect();
         let mut order: Vec<usize> = (0..errors.transfer.len()).collect();
         order.sort_by(|&a, &b| errors.transfer[a].total_cmp(&errors.transfer[b]));
-        let baseline = self.baseline(own)?;
+        let baseline = self.baseline(own, progress)?;
         let mut plates = Vec::new();
         for (share, name) in [(0.1, "one of the best tenth"), (0.5, "the median"), (0.9, "one of the worst tenth")] {
             let Some(&k) = order.get(((order.len() as f64 - 1.0) * share).round() as usize) else { continue };
@@ -230,11 +240,11 @@ impl Inputs<'_> {
     }
 
     /// The paper's baseline with as many elements as the model.
-    fn baseline(&self, own: &Scenery) -> Result<(Basis, Transfer), ReportError> {
+    fn baseline(&self, own: &Scenery, progress: &dyn Progress) -> Result<(Basis, Transfer), ReportError> {
         let fit = self.fit.settings;
         let lambda = self.lambda.map_or(PUBLISHED_LAMBDA, Lambda::Relative);
         let settings = TrainSettings { method: Method::Belcour, lambda, ..fit };
-        let (values, transfer) = Fit::train(own.dataset, own.gram, settings)?.expand(own.dataset);
+        let (values, transfer) = Fit::train(own.dataset, own.gram, settings)?.expand(own.dataset, progress)?;
         Ok((Basis::from_texels(self.lightmap, transfer.elements, &values), transfer))
     }
 
@@ -307,20 +317,20 @@ impl Inputs<'_> {
         })
     }
 
-    fn basis(&self, dataset: &Dataset) -> Plate {
+    fn basis(&self, dataset: &Dataset, progress: &dyn Progress) -> Result<Plate, ReportError> {
         let mut rows: Vec<Vec<Image>> = Vec::new();
-        for image in figures::basis_images(self.lightmap, self.fit, dataset) {
+        for image in figures::basis_images(self.lightmap, self.fit, dataset, progress)? {
             match rows.last_mut() {
                 Some(row) if row.len() < 4 => row.push(image),
                 _ => rows.push(vec![image]),
             }
         }
-        Plate {
+        Ok(Plate {
             title: "Basis".into(),
             note: "The first elements as lightmaps: red positive, blue negative, square-root scale.".into(),
             rows,
             pixelated: true,
-        }
+        })
     }
 }
 

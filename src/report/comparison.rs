@@ -4,10 +4,11 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, DatasetError};
 use crate::light::{EmissionFacets, LightingCondition};
 use crate::math::Rgb;
 use crate::model::Channels;
+use crate::progress::Progress;
 use crate::prt::{ShPrt, light_coefficients};
 use crate::transfer::error::mean_median_worst;
 use crate::transfer::{Fit, Gram, HeldOutErrors, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings, TransferError};
@@ -42,22 +43,102 @@ pub struct Row {
     pub lambda_choice: Option<&'static str>,
 }
 
+/// Bakes the direct irradiance of some conditions, `[texel][channel][condition]`.
+pub type DirectOf<'d, E> = dyn Fn(&[LightingCondition]) -> Result<Vec<f32>, E> + 'd;
+
 /// Everything that is compared under one scenario.
 pub struct Comparison<'a> {
     pub scenario: String,
     pub dataset: &'a Dataset,
     pub gram: &'a Gram,
-    /// Direct irradiance of the held-out conditions at the texels: `[texel][channel][held-out condition]`.
-    pub direct: &'a [f32],
     pub channels: Channels,
     /// λ given by the user for every fit, relative.
     pub lambda: Option<f64>,
+    /// Classical SH PRT, by name.
+    pub classical: &'a [(&'static str, &'a ShPrt)],
+    /// Where local lights are seen from by classical SH PRT.
+    pub centre: Vec3,
+    /// What stands for the asset's own emission.
+    pub emission: &'a EmissionFacets,
+    /// Held-out lightmaps that are looked at together.
+    pub at_once: usize,
+}
+
+/// What the lightmaps tell: the rest follows from inner products.
+#[derive(Default)]
+struct Looked {
+    /// Per held-out condition, |i| over |direct + i|.
+    indirect_shares: Vec<f64>,
+    /// Per classical method and order, the error of the indirect and of all light of each held-out condition that is lit.
+    classical: Vec<(Vec<f64>, Vec<f64>)>,
 }
 
 impl Comparison<'_> {
+    /// All rows: the data-driven methods first.
+    pub fn rows<E: From<TransferError> + From<DatasetError>>(
+        &self,
+        direct_of: &DirectOf<E>,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Row>, E> {
+        let looked = self.look(direct_of, progress)?;
+        let mut rows = self.data_driven(&looked.indirect_shares)?;
+        let sizes = self.classical.iter().flat_map(|(name, prt)| orders(prt).map(move |order| (*name, order)));
+        for ((method, order), (errors, totals)) in sizes.zip(&looked.classical) {
+            let (mean, median, worst) = mean_median_worst(errors);
+            rows.push(Row {
+                method,
+                coefficients: order * order,
+                points: 0,
+                scenario: self.scenario.clone(),
+                mean,
+                median,
+                worst,
+                oracle_mean: None,
+                total_mean: mean_median_worst(totals).0,
+                lambda: None,
+                lambda_choice: None,
+            });
+        }
+        Ok(rows)
+    }
+
+    /// Walks the held-out lightmaps, some at a time.
+    fn look<E: From<DatasetError>>(&self, direct_of: &DirectOf<E>, progress: &dyn Progress) -> Result<Looked, E> {
+        let methods: usize = self.classical.iter().map(|(_, prt)| orders(prt).count()).sum();
+        let mut looked = Looked { indirect_shares: Vec::new(), classical: vec![Default::default(); methods] };
+        let held_out = self.dataset.held_out();
+        for first in held_out.clone().step_by(self.at_once.max(1)) {
+            let range = first..(first + self.at_once.max(1)).min(held_out.end);
+            let conditions = &self.dataset.conditions[range.clone()];
+            let truth = Truth {
+                direct: &direct_of(conditions)?,
+                indirect: &self.dataset.indirect_of(range.clone(), progress)?,
+                areas: &self.dataset.texel_areas,
+                conditions: conditions.len(),
+            };
+            let share = |k: usize| (self.gram.squared_norm(first + k) / truth.squared_norm(k)).sqrt();
+            looked.indirect_shares.par_extend((0..conditions.len()).into_par_iter().map(share));
+            let lit: Vec<usize> = (0..conditions.len()).filter(|k| self.gram.is_lit(first + k)).collect();
+            let sizes = self.classical.iter().flat_map(|(_, prt)| orders(prt).map(move |order| (*prt, order)));
+            for ((prt, order), (errors, totals)) in sizes.zip(&mut looked.classical) {
+                let of = lit.par_iter().map(|&k| {
+                    let light = light_coefficients(&conditions[k].lights, self.emission, self.centre, order);
+                    let (indirect, direct) = (prt.indirect(&light), prt.direct(&light));
+                    let error = truth.distance(k, |t| indirect[t], |_, _| Rgb::ZERO);
+                    let total = truth.distance(k, |t| indirect[t] + direct[t], |direct, _| direct);
+                    (error, total)
+                });
+                let (some_errors, some_totals): (Vec<f64>, Vec<f64>) = of.unzip();
+                errors.extend(some_errors);
+                totals.extend(some_totals);
+            }
+        }
+        Ok(looked)
+    }
+
     /// The data-driven methods at every size that the training set allows. The baseline appears twice: with the paper's λ,
     /// and with the λ that leave-one-out finds, which is better still.
-    pub fn data_driven(&self) -> Result<Vec<Row>, TransferError> {
+    fn data_driven(&self, indirect_shares: &[f64]) -> Result<Vec<Row>, TransferError> {
         let lambdas = |method| match (self.lambda, method) {
             (Some(value), _) => vec![(Lambda::Relative(value), "given")],
             (None, Method::Linear) => vec![(Lambda::LeaveOneOut, "leave-one-out")],
@@ -69,7 +150,7 @@ impl Comparison<'_> {
                 for elements in SIZES {
                     let settings = TrainSettings { method, channels: self.channels, elements, lambda };
                     match Fit::train(self.dataset, self.gram, settings) {
-                        Ok(fit) => rows.push(self.row(name, choice, &fit)),
+                        Ok(fit) => rows.push(self.row(name, choice, &fit, indirect_shares)),
                         // A training set smaller than the size has no such row.
                         Err(TransferError::TooFewConditions { .. }) => break,
                         Err(error) => return Err(error),
@@ -80,12 +161,12 @@ impl Comparison<'_> {
         Ok(rows)
     }
 
-    fn row(&self, method: &'static str, choice: &'static str, fit: &Fit) -> Row {
+    fn row(&self, method: &'static str, choice: &'static str, fit: &Fit, indirect_shares: &[f64]) -> Row {
         let errors = HeldOutErrors::of(fit, self.dataset, self.gram);
         let summary = errors.summary();
-        let shares = self.indirect_shares();
         let lit = self.dataset.held_out().filter(|&h| self.gram.is_lit(h));
-        let total: Vec<f64> = lit.zip(&errors.transfer).map(|(h, e)| e * shares[h - self.dataset.training]).collect();
+        let total: Vec<f64> =
+            lit.zip(&errors.transfer).map(|(h, e)| e * indirect_shares[h - self.dataset.training]).collect();
         Row {
             method,
             coefficients: fit.settings.elements,
@@ -100,49 +181,28 @@ impl Comparison<'_> {
             lambda_choice: Some(choice),
         }
     }
+}
 
-    /// Classical SH PRT at every order; `centre` is where local lights are seen from.
-    pub fn classical(&self, prt: &ShPrt, method: &'static str, emission: &EmissionFacets, centre: Vec3) -> Vec<Row> {
-        let held_out: Vec<&LightingCondition> = self.dataset.held_out().map(|h| &self.dataset.conditions[h]).collect();
-        let lit: Vec<usize> = (0..held_out.len()).filter(|h| self.gram.is_lit(self.dataset.training + h)).collect();
-        ORDERS
-            .iter()
-            .filter(|&&order| order <= prt.order)
-            .map(|&order| {
-                let (errors, totals): (Vec<f64>, Vec<f64>) = lit
-                    .par_iter()
-                    .map(|&h| {
-                        let light = light_coefficients(&held_out[h].lights, emission, centre, order);
-                        let (indirect, direct) = (prt.indirect(&light), prt.direct(&light));
-                        let error = self.distance(h, |t| indirect[t], |_, _| Rgb::ZERO);
-                        let total = self.distance(h, |t| indirect[t] + direct[t], |direct, _| direct);
-                        (error, total)
-                    })
-                    .unzip();
-                let (mean, median, worst) = mean_median_worst(&errors);
-                Row {
-                    method,
-                    coefficients: order * order,
-                    points: 0,
-                    scenario: self.scenario.clone(),
-                    mean,
-                    median,
-                    worst,
-                    oracle_mean: None,
-                    total_mean: mean_median_worst(&totals).0,
-                    lambda: None,
-                    lambda_choice: None,
-                }
-            })
-            .collect()
-    }
+/// The orders that are compared of those that were baked.
+fn orders(prt: &ShPrt) -> impl Iterator<Item = usize> {
+    let most = prt.order;
+    ORDERS.into_iter().filter(move |&order| order <= most)
+}
 
-    /// Relative RMSE of `estimate` on held-out condition `h`: against the indirect light plus what `part` takes of (direct,
-    /// indirect).
-    fn distance(&self, h: usize, estimate: impl Fn(usize) -> Rgb, part: impl Fn(Rgb, Rgb) -> Rgb) -> f64 {
+/// Lightmaps of some conditions: `[texel][channel][condition]`.
+struct Truth<'t> {
+    direct: &'t [f32],
+    indirect: &'t [f32],
+    areas: &'t [f32],
+    conditions: usize,
+}
+
+impl Truth<'_> {
+    /// Relative RMSE of `estimate` on condition `k`: against the indirect light plus what `part` takes of (direct, indirect).
+    fn distance(&self, k: usize, estimate: impl Fn(usize) -> Rgb, part: impl Fn(Rgb, Rgb) -> Rgb) -> f64 {
         let (mut error, mut norm) = (0.0, 0.0);
-        for (t, &area) in self.dataset.texel_areas.iter().enumerate() {
-            let (direct, indirect) = self.truth(t, h);
+        for (t, &area) in self.areas.iter().enumerate() {
+            let (direct, indirect) = self.at(t, k);
             let truth = indirect + part(direct, indirect);
             error += area as f64 * (truth - estimate(t)).length_squared() as f64;
             norm += area as f64 * truth.length_squared() as f64;
@@ -150,28 +210,22 @@ impl Comparison<'_> {
         (error / norm).sqrt()
     }
 
-    /// Direct and indirect irradiance at a texel under held-out condition `h`.
-    pub fn truth(&self, texel: usize, h: usize) -> (Rgb, Rgb) {
-        let (n, held_out) = (self.dataset.conditions.len(), self.dataset.held_out());
-        let count = held_out.len();
-        let at = |matrix: &[f32], n: usize, k: usize| {
-            Rgb::from_array(std::array::from_fn(|channel| matrix[(texel * 3 + channel) * n + k]))
-        };
-        (at(self.direct, count, h), at(&self.dataset.indirect, n, held_out.start + h))
+    /// |direct + i|² of condition `k`.
+    fn squared_norm(&self, k: usize) -> f64 {
+        let texels = self.areas.iter().enumerate();
+        texels
+            .map(|(t, &area)| {
+                let (direct, indirect) = self.at(t, k);
+                area as f64 * (direct + indirect).length_squared() as f64
+            })
+            .sum()
     }
 
-    /// Per held-out condition, |i| over |direct + i|.
-    fn indirect_shares(&self) -> Vec<f64> {
-        let share = |h: usize| {
-            let texels = self.dataset.texel_areas.iter().enumerate();
-            let total: f64 = texels
-                .map(|(t, &area)| {
-                    let (direct, indirect) = self.truth(t, h);
-                    area as f64 * (direct + indirect).length_squared() as f64
-                })
-                .sum();
-            (self.gram.squared_norm(self.dataset.training + h) / total).sqrt()
+    /// Direct and indirect irradiance.
+    fn at(&self, texel: usize, k: usize) -> (Rgb, Rgb) {
+        let of = |matrix: &[f32]| {
+            Rgb::from_array(std::array::from_fn(|channel| matrix[(texel * 3 + channel) * self.conditions + k]))
         };
-        (0..self.dataset.held_out().len()).into_par_iter().map(share).collect()
+        (of(self.direct), of(self.indirect))
     }
 }

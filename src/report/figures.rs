@@ -5,12 +5,13 @@ use image::ImageEncoder;
 use rayon::prelude::*;
 
 use super::page::Image;
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, DatasetError};
 use crate::math::Rgb;
 use crate::math::colour::{false_colour, luminance};
 use crate::measure::{MeasurementPoint, MeasurementPoints};
 use crate::model::render::first_visible;
 use crate::model::{Picture, View, ViewError};
+use crate::progress::Progress;
 use crate::scene::{Lightmap, Tracer};
 use crate::transfer::Fit;
 
@@ -97,16 +98,25 @@ fn diverging(value: f32) -> [u8; 3] {
 }
 
 /// The first eight basis elements as lightmaps; of a coloured basis the green part.
-pub fn basis_images(lightmap: &Lightmap, fit: &Fit, dataset: &Dataset) -> Vec<Image> {
-    let (values, transfer) = fit.expand(dataset);
+///
+/// # Errors
+/// When the dataset cannot be read, or `progress` cancels.
+pub fn basis_images(
+    lightmap: &Lightmap,
+    fit: &Fit,
+    dataset: &Dataset,
+    progress: &dyn Progress,
+) -> Result<Vec<Image>, DatasetError> {
+    let (values, transfer) = fit.expand(dataset, progress)?;
     let plane = dataset.texels();
     let components = values.len() / (plane * transfer.elements).max(1);
-    (0..transfer.elements.min(8))
+    let images = (0..transfer.elements.min(8))
         .map(|j| {
             let at = (j * components + components / 2) * plane;
             signed_lightmap(lightmap, &values[at..at + plane], format!("element {}", j + 1))
         })
-        .collect()
+        .collect();
+    Ok(images)
 }
 
 /// Both pictures of Figure 4: the points, and their sub-points, seen by the asset's first camera.

@@ -11,8 +11,9 @@ use serde::{Deserialize, Serialize};
 
 use super::ridge::{Ridge, eigen_descending};
 use super::{Gram, TransferError};
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, DatasetError, ROWS};
 use crate::model::{Channels, Transfer};
+use crate::progress::Progress;
 
 /// How basis and transfer are fitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -211,18 +212,25 @@ impl Fit {
 
     /// UᵀU: the identity, but for the mean's row and column.
     pub(super) fn element_products(&self, gram: &Gram) -> Mat<f64> {
-        let n = self.kept.len();
-        let channels = self.settings.channels;
-        let all = Mat::from_fn(self.combination.nrows(), self.combination.nrows(), |a, b| {
-            product(gram, channels, (a / n, self.kept[a % n]), (b / n, self.kept[b % n]))
-        });
-        self.combination.transpose() * all * &self.combination
+        // A row of the Gram matrix at a time: a copy of all that are kept would be as large as the matrix itself.
+        let (n, channels, vectors) = (self.kept.len(), self.settings.channels, self.combination.nrows());
+        let mut lit = Mat::<f64>::zeros(vectors, self.combination.ncols());
+        for a in 0..vectors {
+            let row = Mat::from_fn(1, vectors, |_, b| {
+                product(gram, channels, (a / n, self.kept[a % n]), (b / n, self.kept[b % n]))
+            });
+            lit.row_mut(a).copy_from((row * &self.combination).row(0));
+        }
+        self.combination.transpose() * lit
     }
 
     /// The basis over texels, `[element][component][texel]`, and the transfer to go with it. Elements are scaled to a largest
     /// magnitude of 1, which suits half floats, and the transfer's rows by the inverse.
-    pub fn expand(&self, dataset: &Dataset) -> (Vec<f32>, Transfer) {
-        let mut values = self.basis_values(dataset);
+    ///
+    /// # Errors
+    /// When the dataset cannot be read, or `progress` cancels.
+    pub fn expand(&self, dataset: &Dataset, progress: &dyn Progress) -> Result<(Vec<f32>, Transfer), DatasetError> {
+        let mut values = self.basis_values(dataset, progress)?;
         let elements = self.settings.elements;
         let mut scales = vec![1.0; elements];
         let plane = values.len() / elements.max(1);
@@ -249,22 +257,23 @@ impl Fit {
             matrices: self.matrices.iter().map(row_major).collect(),
             mean_scaled_by_norm: self.has_mean(),
         };
-        (values, transfer)
+        Ok((values, transfer))
     }
 
     /// U over texels: `[element][component][texel]`.
-    fn basis_values(&self, dataset: &Dataset) -> Vec<f32> {
+    fn basis_values(&self, dataset: &Dataset, progress: &dyn Progress) -> Result<Vec<f32>, DatasetError> {
         let (texels, conditions, n) = (dataset.texels(), dataset.conditions.len(), self.kept.len());
         let elements = self.settings.elements;
         let mono = self.settings.channels == Channels::Mono;
         let components = if mono { 1 } else { 3 };
-        // Texel-major first, since I is; then transposed.
-        let mut by_texel = vec![0f32; texels * elements * components];
-        by_texel
-            .par_chunks_mut((elements * components).max(1))
-            .zip(dataset.indirect.par_chunks(3 * conditions))
-            .for_each_init(
-                || vec![0f64; elements * components],
+        let stride = elements * components;
+        let mut values = vec![0f32; texels * stride];
+        // Texel-major first, since I is; transposed block by block.
+        let mut by_texel = vec![0f32; ROWS * stride];
+        progress.begin("basis", texels as u64, "texels");
+        let walked = dataset.for_each_rows(progress, |range, rows| {
+            by_texel.par_chunks_mut(stride.max(1)).zip(rows.par_chunks(3 * conditions)).for_each_init(
+                || vec![0f64; stride],
                 |sum, (out, row)| {
                     sum.fill(0.0);
                     for channel in 0..3 {
@@ -279,8 +288,13 @@ impl Fit {
                     out.iter_mut().zip(&*sum).for_each(|(out, &s)| *out = s as f32);
                 },
             );
-        let stride = elements * components;
-        (0..stride).flat_map(|e| (0..texels).map(move |t| t * stride + e)).map(|i| by_texel[i]).collect()
+            for (plane, e) in values.chunks_mut(texels).zip(0..) {
+                plane[range.clone()].iter_mut().enumerate().for_each(|(i, v)| *v = by_texel[i * stride + e]);
+            }
+        });
+        progress.end();
+        walked?;
+        Ok(values)
     }
 }
 

@@ -7,7 +7,7 @@ use faer::{Accum, Mat, MatRef, Par};
 use rayon::prelude::*;
 
 use super::TransferError;
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, ROWS};
 use crate::progress::Progress;
 
 /// Inner products of all pairs of lightmap vectors, weighted by texel area: one vector per channel and condition.
@@ -26,15 +26,13 @@ const DARK: f64 = 0.01;
 /// Norm, relative to the brightest, of light that only comes through cracks; it has no part in the median.
 const CRACK: f64 = 1e-4;
 
-/// Texels converted to f64 at a time: 256 rows of 1,000 vectors fill 2 MB, the second-level cache.
-const ROWS: usize = 256;
-
 /// Columns that one task accumulates. Fixed, so that sums have the same order on any number of threads.
 const COLUMNS: usize = 192;
 
 impl Gram {
     /// # Errors
-    /// [`TransferError::NotFinite`] when the dataset holds a value that is not finite.
+    /// [`TransferError::NotFinite`] when the dataset holds a value that is not finite; [`TransferError::Dataset`] when it cannot
+    /// be read or `progress` cancels.
     pub fn of(dataset: &Dataset, progress: &dyn Progress) -> Result<Self, TransferError> {
         let n = dataset.conditions.len();
         let width = 3 * n;
@@ -43,7 +41,8 @@ impl Gram {
             (0..width).step_by(COLUMNS).map(|start| Mat::zeros(width - start, COLUMNS.min(width - start))).collect();
         let mut tile = vec![0f64; ROWS * width];
         progress.begin("gram", dataset.texels() as u64, "texels");
-        for (rows, areas) in dataset.indirect.chunks(ROWS * width.max(1)).zip(dataset.texel_areas.chunks(ROWS)) {
+        let walked = dataset.for_each_rows(progress, |texels, rows| {
+            let areas = &dataset.texel_areas[texels];
             tile.par_chunks_mut(width).zip(rows.par_chunks(width)).zip(areas).for_each(|((out, row), &area)| {
                 let weight = (area as f64).sqrt();
                 out.iter_mut().zip(row).for_each(|(out, &value)| *out = value as f64 * weight);
@@ -67,9 +66,10 @@ impl Gram {
                 let rest = a.subcols(start + columns, width - start - columns);
                 faer::linalg::matmul::matmul(below.as_mut(), Accum::Add, rest.transpose(), own, 1.0, Par::Seq);
             });
-            progress.advance(areas.len() as u64);
-        }
+        });
         progress.end();
+        walked?;
+        drop(tile);
         let products = Mat::from_fn(width, width, |r, c| {
             let (r, c) = (r.max(c), r.min(c));
             let block = c / COLUMNS;

@@ -63,6 +63,11 @@ impl BakeSettings {
         let gather = if self.integrator == Integrator::Path { 0 } else { lights * Gather::bytes_per_light(texels) };
         tile * row + threads * row + lights_bytes + noise + gather
     }
+
+    /// Bytes that a [`Baker`] holds however many conditions there are.
+    pub fn bytes_fixed(&self, texels: usize) -> usize {
+        if self.integrator == Integrator::Path { 0 } else { Gather::bytes_fixed(texels, self.paths as usize) }
+    }
 }
 
 /// Irradiance of T texels under N conditions.

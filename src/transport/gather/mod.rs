@@ -79,6 +79,12 @@ impl<'t, 'a> Gather<'t, 'a> {
         3 * 2 * texels + (3 * 2 + 3 * 4 + 2 * 3 * 2) * Patches::most(texels)
     }
 
+    /// Bytes held however many lights there are: sample tables, the patches' operator, where texels and patches lie.
+    pub fn bytes_fixed(texels: usize, paths: usize) -> usize {
+        let terms = Patches::most(texels) * paths * size_of::<Term>();
+        2 * SampleTable::bytes(paths) + terms + 32 * texels
+    }
+
     pub fn gatherer<'w>(&self, walk: &Walk<'w, 'a>, set: &'w LightSet) -> Gatherer<'w, 'a> {
         Gatherer { rays: Rays::new(walk, set), read: vec![0.0; 3 * self.direct.light.columns()] }
     }

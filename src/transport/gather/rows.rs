@@ -6,8 +6,8 @@
 
 use crate::math::{LANES, Rgb};
 
-/// Columns that are summed at a time: three channels of them stay in vector registers.
-const BLOCK: usize = 4 * LANES;
+/// Vectors of columns that are summed at a time: three channels of them stay in registers.
+const BLOCK: usize = 4;
 
 /// A matrix of light, `[row][plane][column]`.
 pub struct Rows {
@@ -24,15 +24,15 @@ pub struct Term {
     pub weight: Rgb,
 }
 
-/// `columns` rounded up, so that rows are whole blocks.
+/// `columns` rounded up, so that rows are whole vectors.
 pub fn padded(columns: usize) -> usize {
-    columns.next_multiple_of(BLOCK)
+    columns.next_multiple_of(LANES)
 }
 
 impl Rows {
-    /// `count` dark rows. `columns` is a multiple of the block: see [`padded`].
+    /// `count` dark rows. `columns` is a whole number of vectors: see [`padded`].
     pub fn new(count: usize, planes: usize, columns: usize) -> Self {
-        assert!(columns.is_multiple_of(BLOCK) && (planes == 1 || planes == 3));
+        assert!(columns.is_multiple_of(LANES) && (planes == 1 || planes == 3));
         Self { values: vec![0; count * planes * columns], columns, planes }
     }
 
@@ -70,39 +70,42 @@ impl Rows {
         if terms.is_empty() {
             return;
         }
-        for first in (0..self.columns).step_by(BLOCK) {
-            if self.planes == 3 {
-                self.add_block::<3>(first, terms, sums)
-            } else {
-                self.add_block::<1>(first, terms, sums)
-            }
+        let mut first = 0;
+        while first + BLOCK * LANES <= self.columns {
+            self.add_block::<BLOCK>(first, terms, sums);
+            first += BLOCK * LANES;
+        }
+        while first < self.columns {
+            self.add_block::<1>(first, terms, sums);
+            first += LANES;
         }
     }
 
-    fn add_block<const PLANES: usize>(&self, first: usize, terms: &[Term], sums: &mut [f32]) {
-        let mut block = [[Lanes([0.0; LANES]); BLOCK / LANES]; 3];
+    fn add_block<const VECTORS: usize>(&self, first: usize, terms: &[Term], sums: &mut [f32]) {
+        if self.planes == 3 {
+            self.add_planes::<VECTORS, 3>(first, terms, sums);
+        } else {
+            self.add_planes::<VECTORS, 1>(first, terms, sums);
+        }
+    }
+
+    fn add_planes<const VECTORS: usize, const PLANES: usize>(&self, first: usize, terms: &[Term], sums: &mut [f32]) {
+        let mut block = [[Lanes([0.0; LANES]); VECTORS]; 3];
         for term in terms {
             let start = term.row as usize * self.stride() + first;
-            if PLANES == 1 {
-                let row: &[u16; BLOCK] = self.values[start..start + BLOCK].try_into().expect("a block");
+            for plane in 0..PLANES {
+                let row = &self.values[start + plane * self.columns..][..VECTORS * LANES];
                 for (i, lanes) in row.chunks_exact(LANES).enumerate() {
                     let light = Lanes::widened(lanes);
-                    for channel in 0..3 {
+                    // One plane serves all channels.
+                    for channel in if PLANES == 1 { 0..3 } else { plane..plane + 1 } {
                         block[channel][i].add(term.weight[channel], light);
-                    }
-                }
-            } else {
-                for channel in 0..3 {
-                    let start = start + channel * self.columns;
-                    let row: &[u16; BLOCK] = self.values[start..start + BLOCK].try_into().expect("a block");
-                    for (i, lanes) in row.chunks_exact(LANES).enumerate() {
-                        block[channel][i].add(term.weight[channel], Lanes::widened(lanes));
                     }
                 }
             }
         }
         for channel in 0..3 {
-            let out = &mut sums[channel * self.columns + first..][..BLOCK];
+            let out = &mut sums[channel * self.columns + first..][..VECTORS * LANES];
             for (out, lanes) in out.chunks_exact_mut(LANES).zip(&block[channel]) {
                 out.iter_mut().zip(&lanes.0).for_each(|(out, sum)| *out += sum);
             }
@@ -174,7 +177,7 @@ mod tests {
     /// Small whole numbers are exact in bfloat16, and so are their sums in f32.
     #[test]
     fn sums_of_rows_are_those_of_a_plain_loop() {
-        let columns = padded(70);
+        let columns = padded(90);
         for planes in [1, 3] {
             let mut rows = Rows::new(5, planes, columns);
             let stride = rows.stride();

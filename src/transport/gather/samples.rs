@@ -36,6 +36,11 @@ impl SampleTable {
         Self { points: (0..SETS as u64).flat_map(of_set).collect(), count: count as usize }
     }
 
+    /// Bytes of a table of `count` points a set.
+    pub fn bytes(count: usize) -> usize {
+        SETS * count * size_of::<[u32; 4]>()
+    }
+
     /// Points a set.
     pub fn count(&self) -> usize {
         self.count

@@ -1,0 +1,89 @@
+//! Where a run keeps what it bakes, and how much memory it may take.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::Value;
+
+use super::Failure;
+use crate::dataset::folder::slack;
+use crate::dataset::{Bytes, DatasetError, Identity};
+use crate::scene_file::SceneFile;
+use crate::transfer;
+
+/// Options of commands that bake a dataset.
+#[derive(Args, Clone, Debug, Default)]
+pub struct Storage {
+    /// Folder that keeps the baked light, so that a run that was stopped goes on where it was, and more conditions can be
+    /// added [default: beside the model, NAME.dataset]
+    #[arg(long, value_name = "DIR")]
+    pub dataset: Option<PathBuf>,
+    /// Most memory to take, such as 512MiB or 8GiB [default: three quarters of the machine's]; results do not depend on it
+    #[arg(long, value_name = "BYTES")]
+    pub memory: Option<Bytes>,
+}
+
+impl Storage {
+    /// For a model at `model`.
+    pub fn place(&self, model: &Path) -> Place {
+        let folder = self.dataset.clone().unwrap_or_else(|| model.with_extension("dataset"));
+        Place { folder, memory: self.memory.unwrap_or_else(Bytes::of_machine) }
+    }
+}
+
+/// The dataset's folder and the ceiling of memory.
+#[derive(Clone, Debug)]
+pub struct Place {
+    pub folder: PathBuf,
+    pub memory: Bytes,
+}
+
+impl Place {
+    /// Refuses a run whose training would not fit, on `texels` covered texels.
+    pub fn check_training(&self, scene: &SceneFile, texels: usize) -> Result<(), Failure> {
+        let (bake, train) = (&scene.bake, &scene.train);
+        let all = bake.conditions + bake.held_out;
+        let size = scene.lightmap.size as usize;
+        let points = scene.points.count;
+        let fit = transfer::bytes_needed(train.channels, train.basis, bake.conditions, all, points, texels, size);
+        let needed = Bytes(Bytes::resident().0 + slack() + fit);
+        let so_far = Bytes(Bytes::peak().unwrap_or(0));
+        let (what, needed, lower) = if needed > self.memory {
+            let what = format!("training on {} conditions and {} held out", bake.conditions, bake.held_out);
+            (what, needed, "--conditions, --basis or --size")
+        } else if so_far > self.memory {
+            ("reading the asset and laying out its lightmap".to_owned(), so_far, "--size")
+        } else {
+            return Ok(());
+        };
+        let advice = format!("; give more, or lower {lower}");
+        Err(DatasetError::Memory { ceiling: self.memory, what, needed, advice }.into())
+    }
+}
+
+/// The settings that a dataset depends on, by their names in the scene file; all but the numbers of conditions.
+pub fn baked_settings(scene: &SceneFile) -> Identity {
+    let mut settings = Identity::new();
+    let rooms = [
+        ("lightmap", serde_json::to_value(&scene.lightmap)),
+        ("scenario", serde_json::to_value(&scene.scenario)),
+        ("points", serde_json::to_value(&scene.points)),
+        ("bake", serde_json::to_value(&scene.bake)),
+    ];
+    for (name, value) in rooms {
+        flatten(name, &value.expect("settings have text for keys"), &mut settings);
+    }
+    settings.remove("bake.conditions");
+    settings.remove("bake.held_out");
+    settings
+}
+
+fn flatten(name: &str, value: &Value, into: &mut Identity) {
+    match value {
+        Value::Object(fields) => {
+            fields.iter().for_each(|(field, value)| flatten(&format!("{name}.{field}"), value, into));
+        }
+        Value::Null => {}
+        other => _ = into.insert(name.to_owned(), other.to_string()),
+    }
+}

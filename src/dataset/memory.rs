@@ -1,0 +1,108 @@
+//! How much memory there is, and how much is taken.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::Serialize;
+
+/// An amount of memory; read and written with a binary unit, such as `512MiB`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct Bytes(pub u64);
+
+const UNITS: [(&str, u32); 5] = [("TiB", 40), ("GiB", 30), ("MiB", 20), ("KiB", 10), ("B", 0)];
+
+impl fmt::Display for Bytes {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let (unit, shift) = UNITS.into_iter().find(|&(_, shift)| self.0 >> shift > 0).unwrap_or(("B", 0));
+        let value = self.0 as f64 / (1u64 << shift) as f64;
+        // Rounded up, so that an amount that is asked for suffices.
+        if value.fract() == 0.0 {
+            write!(f, "{value}{unit}")
+        } else {
+            write!(f, "{:.1}{unit}", (value * 10.0).ceil() / 10.0)
+        }
+    }
+}
+
+impl FromStr for Bytes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (number, unit) = text.split_at(text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len()));
+        let shift = match unit.trim().to_ascii_lowercase().trim_end_matches("ib") {
+            "" | "b" => Some(0),
+            "k" => Some(10),
+            "m" => Some(20),
+            "g" => Some(30),
+            "t" => Some(40),
+            _ => None,
+        };
+        match (number.trim().parse::<f64>(), shift) {
+            (Ok(number), Some(shift)) if number > 0.0 && number < 1e9 => {
+                Ok(Self((number * (1u64 << shift) as f64) as u64))
+            }
+            _ => Err("expected an amount such as 512MiB or 8GiB".into()),
+        }
+    }
+}
+
+impl Bytes {
+    /// A ceiling for this machine: three quarters of its memory, or of what this process's control group may use.
+    pub fn of_machine() -> Self {
+        let groups = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
+        let group = groups.iter().find_map(|file| std::fs::read_to_string(file).ok()?.trim().parse::<u64>().ok());
+        // Where the system does not tell, what any machine has that bakes.
+        let machine = kibibytes("/proc/meminfo", "MemTotal:").unwrap_or(4 << 30);
+        Self(machine.min(group.unwrap_or(u64::MAX)) / 4 * 3)
+    }
+
+    /// Resident memory of this process now; 0 where the system does not tell.
+    pub fn resident() -> Self {
+        Self(kibibytes("/proc/self/status", "VmRSS:").unwrap_or(0))
+    }
+
+    /// Largest resident memory of this process so far, where the system tells.
+    pub fn peak() -> Option<u64> {
+        kibibytes("/proc/self/status", "VmHWM:")
+    }
+}
+
+/// Makes the C library give large blocks back to the system as soon as they are freed, so that what is resident is what is in
+/// use. By itself glibc keeps blocks of up to 32 MiB for later.
+pub fn return_freed_memory() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        use std::ffi::c_int;
+        unsafe extern "C" {
+            fn mallopt(param: c_int, value: c_int) -> c_int;
+        }
+        /// Blocks from this size on have pages of their own (malloc.h).
+        const M_MMAP_THRESHOLD: c_int = -3;
+        // SAFETY: glibc's own function, which takes any numbers.
+        unsafe { mallopt(M_MMAP_THRESHOLD, 256 << 10) };
+    }
+}
+
+/// The value, in bytes, of a line such as `VmRSS:  1234 kB`.
+fn kibibytes(file: &str, name: &str) -> Option<u64> {
+    let text = std::fs::read_to_string(file).ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn amounts_are_read_and_written() {
+        let cases = [("64MiB", 64 << 20), ("8GiB", 8 << 30), ("1.5g", 3 << 29), ("512 mib", 512 << 20), ("4096", 4096)];
+        for (text, bytes) in cases {
+            assert_eq!(text.parse(), Ok(Bytes(bytes)));
+            assert_eq!(Bytes(bytes).to_string().parse(), Ok(Bytes(bytes)));
+        }
+        for wrong in ["", "MiB", "-1GiB", "0", "8Gob", "inf", "1e99GiB"] {
+            assert!(wrong.parse::<Bytes>().is_err(), "{wrong}");
+        }
+    }
+}
