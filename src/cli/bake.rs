@@ -75,7 +75,7 @@ impl Bake {
 
 /// An OpenEXR file with the channels `LAYER.R`, `.G`, `.B` of `[texel][channel]` values; the gutter repeats the nearest texel.
 fn exr_of(lightmap: &Lightmap, layers: &[(&str, &[f32])]) -> exr::error::Result<Vec<u8>> {
-    let nearest = lightmap.nearest_covered();
+    let nearest = lightmap.sources();
     let mut channels = Vec::new();
     for (layer, values) in layers {
         for (c, channel) in ["R", "G", "B"].iter().enumerate() {

@@ -44,7 +44,7 @@ pub fn prepare(scene: SceneFile, place: &str, reporter: &Reporter) -> Result<Pre
     for reason in &choice.reasons {
         reporter.note(&format!("lightmap: {reason}"));
     }
-    let lightmap = Lightmap::new(&asset.mesh, scene.lightmap.size as usize);
+    let lightmap = Lightmap::open(&Tracer::new(&asset), scene.lightmap.size as usize);
     Ok(Prepared { scene, asset, lightmap })
 }
 
@@ -55,7 +55,7 @@ impl Prepared {
             Failure::Input(format!("{}: damaged: its scene settings do not parse: {}", place.display(), e.message()))
         })?;
         scene.check(&place.display().to_string())?;
-        let lightmap = Lightmap::new(&model.asset.mesh, scene.lightmap.size as usize);
+        let lightmap = Lightmap::open(&Tracer::new(&model.asset), scene.lightmap.size as usize);
         Ok(Self { scene, asset: model.asset.clone(), lightmap })
     }
 

@@ -100,7 +100,7 @@ impl Basis {
     pub fn from_texels(lightmap: &Lightmap, elements: usize, values: &[f32]) -> Self {
         let texels = lightmap.texels.len();
         let components = values.len() / (elements * texels).max(1);
-        let nearest = lightmap.nearest_covered();
+        let nearest = lightmap.sources();
         let values = values
             .chunks_exact(texels.max(1))
             .flat_map(|plane| nearest.iter().map(|&t| f16::from_f32(plane[t as usize])));

@@ -57,7 +57,7 @@ pub struct LightmapImage {
 impl LightmapImage {
     /// From values per covered texel; the gutter takes those of the nearest.
     pub fn new(lightmap: &Lightmap, values: &[Rgb]) -> Self {
-        let nearest = lightmap.nearest_covered();
+        let nearest = lightmap.sources();
         Self { size: lightmap.size, values: nearest.iter().map(|&t| values[t as usize]).collect() }
     }
 

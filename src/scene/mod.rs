@@ -3,6 +3,8 @@
 pub mod asset;
 pub mod bsdf;
 mod build;
+mod buried;
+mod fill;
 pub mod generate;
 mod gltf;
 mod image_file;
