@@ -7,7 +7,7 @@ use crate::dataset::{Dataset, Draw};
 use crate::measure::MeasurementPoints;
 use crate::model::{Basis, HeldOut, Model, TrainingRecord};
 use crate::progress::Progress;
-use crate::scene::{Asset, Lightmap, Tracer, lay_out};
+use crate::scene::{Asset, Finish, Lightmap, Tracer, lay_out};
 use crate::scene_file::SceneFile;
 use crate::transfer::{Fit, Gram, HeldOutErrors, TrainSettings};
 use crate::transport::BakeSettings;
@@ -96,14 +96,21 @@ impl Prepared {
                 .note(&format!("{} of {} conditions light nothing and were dropped", fit.dropped, dataset.training));
         }
         let errors = HeldOutErrors::of(&fit, &dataset, &gram);
-        let model = self.assemble(points, &dataset, &fit, &errors);
+        let model = self.assemble(&tracer, points, &dataset, &fit, &errors);
         let train_seconds = start.elapsed().as_secs_f64();
         Ok(Trained { model, dataset, gram, fit, paths: self.scene.bake.paths, bake_seconds, train_seconds })
     }
 
-    fn assemble(&self, points: MeasurementPoints, dataset: &Dataset, fit: &Fit, errors: &HeldOutErrors) -> Model {
+    fn assemble(
+        &self,
+        tracer: &Tracer,
+        points: MeasurementPoints,
+        dataset: &Dataset,
+        fit: &Fit,
+        errors: &HeldOutErrors,
+    ) -> Model {
         let (values, transfer) = fit.expand(dataset);
-        let basis = Basis::from_texels(&self.lightmap, transfer.elements, &values);
+        let basis = Basis::from_texels(&Finish::new(tracer, &self.lightmap), transfer.elements, &values);
         let summary = errors.summary();
         let noise = &dataset.noise[dataset.held_out()];
         let record = TrainingRecord {

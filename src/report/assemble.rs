@@ -13,7 +13,7 @@ use crate::model::render::render;
 use crate::model::{Basis, Model, Picture, Shown, Transfer, View, ViewError};
 use crate::progress::Progress;
 use crate::prt::{PrtError, PrtSettings, ShPrt, bake_texels, bake_vertices, light_coefficients};
-use crate::scene::{Lightmap, Tracer};
+use crate::scene::{Finish, Lightmap, Tracer};
 use crate::transfer::{Fit, Gram, HeldOutErrors, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings, TransferError};
 use crate::transport::reference::{Reference, ReferenceError, ReferenceSettings};
 use crate::transport::{BakeError, BakeSettings, bake_direct};
@@ -203,12 +203,13 @@ impl Inputs<'_> {
         let lit: Vec<usize> = own.dataset.held_out().filter(|&h| own.gram.is_lit(h)).collect();
         let mut order: Vec<usize> = (0..errors.transfer.len()).collect();
         order.sort_by(|&a, &b| errors.transfer[a].total_cmp(&errors.transfer[b]));
-        let baseline = self.baseline(own)?;
+        let finish = Finish::new(self.tracer, self.lightmap);
+        let baseline = self.baseline(own, &finish)?;
         let mut plates = Vec::new();
         for (share, name) in [(0.1, "one of the best tenth"), (0.5, "the median"), (0.9, "one of the worst tenth")] {
             let Some(&k) = order.get(((order.len() as f64 - 1.0) * share).round() as usize) else { continue };
             let condition = &own.dataset.conditions[lit[k]];
-            let rows = self.relit_rows(condition, &baseline, vertices, texels, centre, progress)?;
+            let rows = self.relit_rows(condition, &finish, &baseline, vertices, texels, centre, progress)?;
             plates.push(Plate {
                 title: format!("Held-out light: {name}"),
                 note: format!(
@@ -225,17 +226,18 @@ impl Inputs<'_> {
     }
 
     /// The paper's baseline with as many elements as the model.
-    fn baseline(&self, own: &Scenery) -> Result<(Basis, Transfer), ReportError> {
+    fn baseline(&self, own: &Scenery, finish: &Finish) -> Result<(Basis, Transfer), ReportError> {
         let fit = self.fit.settings;
         let lambda = self.lambda.map_or(PUBLISHED_LAMBDA, Lambda::Relative);
         let settings = TrainSettings { method: Method::Belcour, lambda, ..fit };
         let (values, transfer) = Fit::train(own.dataset, own.gram, settings)?.expand(own.dataset);
-        Ok((Basis::from_texels(self.lightmap, transfer.elements, &values), transfer))
+        Ok((Basis::from_texels(finish, transfer.elements, &values), transfer))
     }
 
     fn relit_rows(
         &self,
         condition: &LightingCondition,
+        finish: &Finish,
         (baseline, baseline_transfer): &(Basis, Transfer),
         vertices: &ShPrt,
         texels: &ShPrt,
@@ -258,7 +260,7 @@ impl Inputs<'_> {
         let published = render(self.tracer, &view, &table, Shown::Indirect, &|uv| baseline.sample(uv, &u))?;
         let light = light_coefficients(&condition.lights, centre, SHOWN_ORDER);
         let classical = |prt: &ShPrt| {
-            let image = LightmapImage::new(self.lightmap, &prt.indirect(&light));
+            let image = LightmapImage::new(finish, &prt.indirect(&light));
             render(self.tracer, &view, &table, Shown::Indirect, &|uv| image.sample(uv))
         };
         let (by_vertex, by_texel) = (classical(vertices)?, classical(texels)?);

@@ -11,7 +11,7 @@ use crate::math::colour::{false_colour, luminance};
 use crate::measure::{MeasurementPoint, MeasurementPoints};
 use crate::model::render::first_visible;
 use crate::model::{Picture, View, ViewError};
-use crate::scene::{Lightmap, Tracer};
+use crate::scene::{Finish, Lightmap, Tracer};
 use crate::transfer::Fit;
 
 /// Encodes 8-bit RGB pixels as PNG.
@@ -55,10 +55,11 @@ pub struct LightmapImage {
 }
 
 impl LightmapImage {
-    /// From values per covered texel; the gutter takes those of the nearest.
-    pub fn new(lightmap: &Lightmap, values: &[Rgb]) -> Self {
-        let nearest = lightmap.sources();
-        Self { size: lightmap.size, values: nearest.iter().map(|&t| values[t as usize]).collect() }
+    /// From values per texel of the lightmap.
+    pub fn new(finish: &Finish, values: &[Rgb]) -> Self {
+        let page = |channel: usize| finish.page(&values.iter().map(|v| v[channel]).collect::<Vec<f32>>());
+        let [r, g, b] = [page(0), page(1), page(2)];
+        Self { size: finish.size, values: (0..r.len()).map(|i| Rgb::new(r[i], g[i], b[i])).collect() }
     }
 
     /// Bilinear between texel centres, as [`crate::model::Basis::sample`].

@@ -54,14 +54,13 @@ impl Lightmap {
         let mut cells: Vec<Cells> = judged.iter().map(|j| j.0).collect();
         judge.refine_edges(&mut cells, &texel_charts);
         let slivers = judge.slivers(&judged, &cells, &texel_charts);
-        slivers.into_iter().for_each(|t| cells[t] = 0);
         let mut chart_is_open = vec![false; mesh.triangles.len()];
         (0..count).filter(|&t| cells[t] != 0).for_each(|t| chart_is_open[texel_charts[t] as usize] = true);
         for t in (0..count).filter(|&t| !chart_is_open[texel_charts[t] as usize]) {
             cells[t] = WHOLE;
         }
         drop(judge);
-        all.keep(mesh, &cells, &texel_charts)
+        all.keep(mesh, &cells, &slivers, &texel_charts)
     }
 
     /// The triangle with the most surface in a texel.
@@ -221,18 +220,18 @@ impl Judge<'_, '_> {
     }
 
     /// Texels with hardly any surface, or hardly any that counts, that have a neighbour in their chart with more.
-    fn slivers(&self, judged: &[(Cells, f64)], cells: &[Cells], charts: &[u32]) -> Vec<usize> {
+    fn slivers(&self, judged: &[(Cells, f64)], cells: &[Cells], charts: &[u32]) -> Vec<bool> {
         let by_index = self.positions();
         let covers = |t: usize| match cells[t] {
             0 => 0.0,
             WHOLE => judged[t].1,
             part => judged[t].1.min(set_bits(part).count() as f64 * SLIVER),
         };
-        let is_sliver = |&t: &usize| {
+        let is_sliver = |t: usize| {
             let stands_in = |other: usize| charts[other] == charts[t] && covers(other) > SLIVER;
             cells[t] != 0 && covers(t) <= SLIVER && self.neighbours(&by_index, t).any(stands_in)
         };
-        (0..cells.len()).filter(is_sliver).collect()
+        (0..cells.len()).map(is_sliver).collect()
     }
 
     /// For every texel of the page its position in `texels`, `u32::MAX` where there is none.

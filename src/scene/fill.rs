@@ -25,16 +25,16 @@ impl Lightmap {
         let mut sources = nearest(size, size, &|x, y| own[y * size + x]);
         let at = |index: u32| (index as usize % size, index as usize / size);
         let mut left_out = self.left_out.clone();
-        left_out.sort_unstable_by_key(|&(index, chart)| (chart, index));
-        let mut boxes: HashMap<u32, Bounds> = left_out.iter().map(|&(_, chart)| (chart, Bounds::EMPTY)).collect();
+        left_out.sort_unstable_by_key(|l| (l.chart, l.index));
+        let mut boxes: HashMap<u32, Bounds> = left_out.iter().map(|l| (l.chart, Bounds::EMPTY)).collect();
         let of_texels = self.texels.iter().map(|t| t.index).zip(self.charts.iter().copied());
-        for (index, chart) in of_texels.chain(left_out.iter().copied()) {
+        for (index, chart) in of_texels.chain(left_out.iter().map(|l| (l.index, l.chart))) {
             if let Some(bounds) = boxes.get_mut(&chart) {
                 bounds.add(at(index));
             }
         }
-        for group in left_out.chunk_by(|a, b| a.1 == b.1) {
-            let chart = group[0].1;
+        for group in left_out.chunk_by(|a, b| a.chart == b.chart) {
+            let chart = group[0].chart;
             let Bounds { lo, hi } = boxes[&chart];
             let width = hi.0 - lo.0;
             let of_chart = |x: usize, y: usize| {
@@ -42,7 +42,7 @@ impl Lightmap {
                 if t != u32::MAX && self.charts[t as usize] == chart { t } else { u32::MAX }
             };
             let nearest = nearest(width, hi.1 - lo.1, &of_chart);
-            for (x, y) in group.iter().map(|g| at(g.0)) {
+            for (x, y) in group.iter().map(|g| at(g.index)) {
                 let source = nearest[(y - lo.1) * width + x - lo.0];
                 let candidates = self.around((x, y), &own).filter(|&t| self.charts[t as usize] == chart);
                 sources[y * size + x] = self.nearest_surface((x, y), candidates).unwrap_or(source);

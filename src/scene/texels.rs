@@ -32,10 +32,19 @@ pub struct Lightmap {
     triangles: Vec<u32>,
     /// Texels of which only a part counts: position in `texels`, ascending, and the cells that count.
     parts: Vec<(u32, Cells)>,
-    /// Texels with surface that were left out, by index, and the chart that each belongs to.
-    pub(super) left_out: Vec<(u32, u32)>,
+    /// Texels with surface that were left out, in the order of their index.
+    pub(super) left_out: Vec<LeftOut>,
     /// The chart of each texel; empty where every texel that holds surface is one.
     pub(super) charts: Vec<u32>,
+}
+
+/// A texel with surface that takes its value from another one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LeftOut {
+    pub index: u32,
+    pub chart: u32,
+    /// Whether light cannot reach it, rather than that it has hardly any surface.
+    pub buried: bool,
 }
 
 /// A subset of the [`CELLS`]² square cells of a texel: bit `CELLS` · row + column.
@@ -109,12 +118,13 @@ impl Lightmap {
         Self { size, texels, starts, triangles, parts: Vec::new(), left_out: Vec::new(), charts: Vec::new() }
     }
 
-    /// Keeps of each texel the given cells, and leaves out the texels of which none are kept. `charts` has each texel's chart.
-    pub(super) fn keep(self, mesh: &Mesh, cells: &[Cells], charts: &[u32]) -> Self {
+    /// Keeps of each texel the given cells; leaves out the texels of which none are kept, and slivers. `charts` has each
+    /// texel's chart.
+    pub(super) fn keep(self, mesh: &Mesh, cells: &[Cells], slivers: &[bool], charts: &[u32]) -> Self {
         let mut kept = Self { texels: Vec::new(), starts: vec![0], triangles: Vec::new(), ..self.clone() };
         for (t, &cells) in cells.iter().enumerate() {
-            if cells == 0 {
-                kept.left_out.push((self.texels[t].index, charts[t]));
+            if cells == 0 || slivers[t] {
+                kept.left_out.push(LeftOut { index: self.texels[t].index, chart: charts[t], buried: cells == 0 });
                 continue;
             }
             if cells != WHOLE {
@@ -155,6 +165,17 @@ impl Lightmap {
         self.parts.binary_search_by_key(&(texel as u32), |p| p.0).map_or(WHOLE, |at| self.parts[at].1)
     }
 
+    /// Whether light can reach the surface at lightmap coordinates `uv`.
+    pub(super) fn is_open_at(&self, uv: Vec2) -> bool {
+        let [x, y] = (uv * self.size as f32).to_array().map(|c| c.clamp(0.0, self.size as f32 - 0.5));
+        let index = y as u32 * self.size as u32 + x as u32;
+        let cell = (y.fract() * CELLS as f32) as usize * CELLS + (x.fract() * CELLS as f32) as usize;
+        match self.texels.binary_search_by_key(&index, |t| t.index) {
+            Ok(texel) => self.part(texel) >> cell & 1 != 0,
+            Err(_) => self.left_out.binary_search_by_key(&index, |l| l.index).is_ok_and(|at| !self.left_out[at].buried),
+        }
+    }
+
     /// The fragments in one cell of a texel.
     pub(super) fn cell_fragments(&self, mesh: &Mesh, texel: usize, cell: usize) -> Vec<Fragment> {
         let index = self.texels[texel].index as usize;
@@ -166,6 +187,13 @@ impl Lightmap {
     fn clip(&self, mesh: &Mesh, texel: usize, size: usize, (x, y): (usize, usize)) -> Vec<Fragment> {
         let clip = |&triangle: &u32| Footprint::new(mesh, triangle as usize, size).fragment(x, y);
         self.triangles(texel).iter().filter_map(clip).collect()
+    }
+
+    /// Share of the texel that its surface covers, at most 1.
+    pub(super) fn coverage(&self, mesh: &Mesh, texel: usize) -> f32 {
+        let cell = if self.part(texel) == WHOLE { 1.0 } else { 1.0 / (CELLS * CELLS) as f64 };
+        let sum: f64 = self.fragments(mesh, texel).iter().map(|f| f.coverage * cell).sum();
+        sum.min(1.0) as f32
     }
 
     /// Draws points of the texel's surface.
