@@ -136,12 +136,12 @@ fn leak(asset: &Asset, thickness: f32, lightmap: &Lightmap, truth: &LightmapImag
     Leak { into_the_dark: worst / bright, along_the_wall: error }
 }
 
-/// No light comes through a wall of at least two texels and a cell (an eighth), and no dark out of it: both rooms' floor
+/// No light comes through a wall of at least two and a quarter texels, and no dark out of it: both rooms' floor
 /// texels under the wall take their own room's values. A wall thinner than a texel is beyond what a lightmap whose charts
 /// run on under it can part; the measure must tell.
 #[test]
 fn walls_of_two_texels_do_not_leak() {
-    for texels in [0.5, 2.125, 2.6, 4.0] {
+    for texels in [0.5, 2.25, 3.0] {
         let thickness = texels * TEXEL;
         let asset = two_rooms(thickness);
         let tracer = Tracer::new(&asset);
@@ -379,8 +379,8 @@ fn finishing_is_linear_and_keeps_constants() {
     let sum: Vec<f32> = a.iter().zip(&b).map(|(a, b)| a - 2.0 * b).collect();
     let (a, b, sum) = (finish.page(&a), finish.page(&b), finish.page(&sum));
     for i in 0..SIZE * SIZE {
-        // The solver stops at 1e-4 of the right-hand side.
-        assert!((sum[i] - (a[i] - 2.0 * b[i])).abs() < 3e-3, "{} {} {}", sum[i], a[i], b[i]);
+        // The solver stops at 1e-6 of the right-hand side, whose condition the pull bounds by about 1e3.
+        assert!((sum[i] - (a[i] - 2.0 * b[i])).abs() < 1e-3, "{} {} {}", sum[i], a[i], b[i]);
     }
     assert!(finish.page(&vec![1.0; texels]).iter().all(|v| (v - 1.0).abs() < 1e-6));
     // Control: stitching changes what is not constant.

@@ -45,6 +45,13 @@ pub fn prepare(scene: SceneFile, place: &str, reporter: &Reporter) -> Result<Pre
         reporter.note(&format!("lightmap: {reason}"));
     }
     let lightmap = Lightmap::open(&Tracer::new(&asset), scene.lightmap.size as usize);
+    if lightmap.astride > 0 {
+        let astride = lightmap.astride;
+        reporter.note(&format!(
+            "lightmap: {astride} texels lie astride walls thinner than a texel, where light may leak; a larger \
+             lightmap.size parts them"
+        ));
+    }
     Ok(Prepared { scene, asset, lightmap })
 }
 

@@ -31,6 +31,9 @@ const MAX_BOUNCES: u32 = 2;
 /// to the adjoining wall that rounding decides on which side of it paths start.
 const SLIVER: f64 = 1.0 / (CELLS * CELLS) as f64;
 
+/// A texel with more than this share of it on either side of a wall shows one room's light in the other.
+const MUCH: f64 = 1.0 / 16.0;
+
 /// A fixed seed: whether a texel is buried is no matter of the bake's randomness.
 const SEED: u64 = 0x6275_7269_6564;
 
@@ -45,13 +48,14 @@ impl Lightmap {
         let triangle_charts = charts(mesh, &mesh.lightmap_uvs);
         let judge = Judge { tracer, proximity: Proximity::new(mesh), mesh, lightmap: &all };
         let count = all.texels.len();
-        let judged: Vec<(Cells, f64)> = (0..count).into_par_iter().map(|t| judge.cells(t)).collect();
+        let judged: Vec<Judged> = (0..count).into_par_iter().map(|t| judge.cells(t)).collect();
         let chart_of = |t: usize| {
             let largest = all.clip_largest(mesh, t);
             triangle_charts[largest as usize]
         };
         let texel_charts: Vec<u32> = (0..count).into_par_iter().map(chart_of).collect();
-        let mut cells: Vec<Cells> = judged.iter().map(|j| j.0).collect();
+        let mut cells: Vec<Cells> = judged.iter().map(|j| j.cells).collect();
+        let astride = judged.iter().filter(|j| j.astride).count();
         judge.refine_edges(&mut cells, &texel_charts);
         let slivers = judge.slivers(&judged, &cells, &texel_charts);
         let mut chart_is_open = vec![false; mesh.triangles.len()];
@@ -60,7 +64,9 @@ impl Lightmap {
             cells[t] = WHOLE;
         }
         drop(judge);
-        all.keep(mesh, &cells, &slivers, &texel_charts)
+        let mut kept = all.keep(mesh, &cells, &slivers, &texel_charts);
+        kept.astride = astride;
+        kept
     }
 
     /// The triangle with the most surface in a texel.
@@ -81,6 +87,16 @@ struct Judge<'t, 'a> {
     lightmap: &'t Lightmap,
 }
 
+/// What is found of a texel.
+struct Judged {
+    /// Those that count.
+    cells: Cells,
+    /// Share of the texel that its surface covers.
+    coverage: f64,
+    /// Whether it lies astride a wall with rooms on both sides.
+    astride: bool,
+}
+
 /// A cell of a texel that holds surface.
 struct Cell {
     bit: usize,
@@ -92,30 +108,33 @@ struct Cell {
 }
 
 impl Judge<'_, '_> {
-    /// The cells of texel `t` that count, and the share of the texel that its surface covers.
-    fn cells(&self, t: usize) -> (Cells, f64) {
+    fn cells(&self, t: usize) -> Judged {
         let fragments = self.lightmap.fragments(self.mesh, t);
         let coverage = fragments.iter().map(|f| f.coverage).sum();
         let obstacles = self.obstacles(t, &fragments);
         if obstacles.0.is_empty() {
             let buried = self.is_buried(&TexelSampler::new(&fragments), t as u64);
-            return (if buried { 0 } else { WHOLE }, coverage);
+            return Judged { cells: if buried { 0 } else { WHOLE }, coverage, astride: false };
         }
         let cells = self.cells_of(t, obstacles.1);
         let regions = regions(&cells, |a, b| {
             obstacles.0.iter().any(|&o| crosses(a, b, &self.mesh.triangle_positions(o as usize)))
         });
-        let open = regions.iter().filter(|region| {
+        let is_open = |region: &&Vec<usize>| {
             let inside: Vec<Fragment> = region.iter().flat_map(|&c| cells[c].fragments.clone()).collect();
             !self.is_buried(&TexelSampler::new(&inside), t as u64)
-        });
+        };
+        let open: Vec<&Vec<usize>> = regions.iter().filter(is_open).collect();
         let area = |region: &Vec<usize>| region.iter().map(|&c| cells[c].area_m2).sum::<f64>();
         // Of equal ones the last, always the same.
-        let Some(kept) = open.max_by(|a, b| area(a).total_cmp(&area(b))) else { return (0, coverage) };
-        if kept.len() == cells.len() {
-            return (WHOLE, coverage);
-        }
-        (kept.iter().fold(0, |bits, &c| bits | 1 << cells[c].bit), coverage)
+        let kept = open.iter().max_by(|a, b| area(a).total_cmp(&area(b)));
+        let all: f64 = cells.iter().map(|c| c.area_m2).sum();
+        let astride = open.iter().filter(|region| area(region) > MUCH * all).count() > 1;
+        let cells = match kept {
+            Some(kept) if kept.len() == cells.len() => WHOLE,
+            kept => kept.into_iter().copied().flatten().fold(0, |bits, &c| bits | 1 << cells[c].bit),
+        };
+        Judged { cells, coverage, astride }
     }
 
     /// Triangles that cut the space just above the texel's surface, and how high that is, metres.
@@ -220,12 +239,12 @@ impl Judge<'_, '_> {
     }
 
     /// Texels with hardly any surface, or hardly any that counts, that have a neighbour in their chart with more.
-    fn slivers(&self, judged: &[(Cells, f64)], cells: &[Cells], charts: &[u32]) -> Vec<bool> {
+    fn slivers(&self, judged: &[Judged], cells: &[Cells], charts: &[u32]) -> Vec<bool> {
         let by_index = self.positions();
         let covers = |t: usize| match cells[t] {
             0 => 0.0,
-            WHOLE => judged[t].1,
-            part => judged[t].1.min(set_bits(part).count() as f64 * SLIVER),
+            WHOLE => judged[t].coverage,
+            part => judged[t].coverage.min(set_bits(part).count() as f64 * SLIVER),
         };
         let is_sliver = |t: usize| {
             let stands_in = |other: usize| charts[other] == charts[t] && covers(other) > SLIVER;

@@ -43,19 +43,28 @@ impl Lightmap {
             };
             let nearest = nearest(width, hi.1 - lo.1, &of_chart);
             for (x, y) in group.iter().map(|g| at(g.index)) {
-                let source = nearest[(y - lo.1) * width + x - lo.0];
-                let candidates = self.around((x, y), &own).filter(|&t| self.charts[t as usize] == chart);
-                sources[y * size + x] = self.nearest_surface((x, y), candidates).unwrap_or(source);
+                sources[y * size + x] = nearest[(y - lo.1) * width + x - lo.0];
+            }
+            // Beside a wall, these and the gutter that runs along them: by the nearer face of the wall.
+            let mut beside: Vec<usize> = group.iter().flat_map(|g| self.around(at(g.index))).collect();
+            beside.sort_unstable();
+            beside.dedup();
+            for index in beside.into_iter().filter(|&index| own[index] == u32::MAX) {
+                let (x, y) = (index % size, index / size);
+                let of_chart = |t: &u32| *t != u32::MAX && self.charts[*t as usize] == chart;
+                let candidates = self.around((x, y)).map(|index| own[index]).filter(of_chart);
+                let source = &mut sources[index];
+                *source = self.nearest_surface((x, y), candidates.chain([*source])).unwrap_or(*source);
             }
         }
         sources
     }
 
-    /// The texels at most [`NEAR`] texels from (x, y) along each axis.
-    fn around<'s>(&self, (x, y): (usize, usize), own: &'s [u32]) -> impl Iterator<Item = u32> + 's {
+    /// Indices of the page's texels at most [`NEAR`] texels from (x, y) along each axis.
+    fn around(&self, (x, y): (usize, usize)) -> impl Iterator<Item = usize> + use<> {
         let size = self.size;
         let span = move |c: usize| c.saturating_sub(NEAR)..(c + NEAR + 1).min(size);
-        span(y).flat_map(move |y| span(x).map(move |x| own[y * size + x])).filter(|&t| t != u32::MAX)
+        span(y).flat_map(move |y| span(x).map(move |x| y * size + x))
     }
 
     /// Of `candidates` the one with the surface that counts nearest to the centre of texel (x, y): beside a wall it is not

@@ -58,7 +58,7 @@ const PULL: f32 = 0.2;
 const GUTTER_PULL: f32 = 0.01;
 
 /// Relative residual at which the solution is good to well under a 16-bit float's rounding.
-const RESIDUAL: f64 = 1e-4;
+const RESIDUAL: f64 = 1e-6;
 const MAX_ITERATIONS: usize = 200;
 
 impl Stitch {

@@ -36,6 +36,8 @@ pub struct Lightmap {
     pub(super) left_out: Vec<LeftOut>,
     /// The chart of each texel; empty where every texel that holds surface is one.
     pub(super) charts: Vec<u32>,
+    /// Texels astride a wall thinner than they are, which hold one side's light: what lies on the other side reads it, too.
+    pub astride: usize,
 }
 
 /// A texel with surface that takes its value from another one.
@@ -115,7 +117,16 @@ impl Lightmap {
             triangles[*slot] = triangle;
             *slot += 1;
         }
-        Self { size, texels, starts, triangles, parts: Vec::new(), left_out: Vec::new(), charts: Vec::new() }
+        Self {
+            size,
+            texels,
+            starts,
+            triangles,
+            parts: Vec::new(),
+            left_out: Vec::new(),
+            charts: Vec::new(),
+            astride: 0,
+        }
     }
 
     /// Keeps of each texel the given cells; leaves out the texels of which none are kept, and slivers. `charts` has each
