@@ -49,9 +49,8 @@ impl Bake {
         let baked = bake(&tracer, &prepared.lightmap, &conditions, &settings, reporter)?;
         let seconds = start.elapsed().as_secs_f64();
         let direct = bake_direct(&tracer, &prepared.lightmap, &conditions, settings.seed, reporter)?;
-        let bytes =
-            exr_of(&Finish::new(&tracer, &prepared.lightmap), &[("direct", &direct), ("indirect", &baked.indirect)])
-                .map_err(|e| Failure::Work(format!("{}: {e}", self.output.display())))?;
+        let bytes = exr_of(&prepared.finish(&tracer), &direct, &baked.indirect)
+            .map_err(|e| Failure::Work(format!("{}: {e}", self.output.display())))?;
         super::write_file(&self.output, &bytes)?;
         let texels = prepared.lightmap.texels.len();
         println!(
@@ -74,12 +73,14 @@ impl Bake {
     }
 }
 
-/// An OpenEXR file with the channels `LAYER.R`, `.G`, `.B` of `[texel][channel]` values, finished.
-fn exr_of(finish: &Finish, layers: &[(&str, &[f32])]) -> exr::error::Result<Vec<u8>> {
+/// An OpenEXR file with the channels `LAYER.R`, `.G`, `.B` of finished `[texel][channel]` values.
+fn exr_of(finish: &Finish, direct: &[f32], indirect: &[f32]) -> exr::error::Result<Vec<u8>> {
     let mut channels = Vec::new();
-    for (layer, values) in layers {
+    // Shadows' edges are not noise.
+    for (layer, values, path_traced) in [("direct", direct, false), ("indirect", indirect, true)] {
         for (c, channel) in ["R", "G", "B"].iter().enumerate() {
-            let samples = finish.page(&values.iter().skip(c).step_by(3).copied().collect::<Vec<f32>>());
+            let plane: Vec<f32> = values.iter().skip(c).step_by(3).copied().collect();
+            let samples = if path_traced { finish.path_traced_pages(&plane) } else { finish.page(&plane) };
             channels.push(AnyChannel::new(format!("{layer}.{channel}").as_str(), FlatSamples::F32(samples)));
         }
     }

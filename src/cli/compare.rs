@@ -76,6 +76,7 @@ pub fn compare(
         model: &trained.model,
         tracer: &tracer,
         lightmap: &prepared.lightmap,
+        finish: &prepared.finish(&tracer),
         bake: prepared.bake_settings(),
         lambda: prepared.scene.train.lambda,
         reference_paths,

@@ -66,6 +66,11 @@ impl Prepared {
         Ok(Self { scene, asset: model.asset.clone(), lightmap })
     }
 
+    /// What lays this lightmap's values out over the page.
+    pub fn finish(&self, tracer: &Tracer) -> Finish {
+        Finish::new(tracer, &self.lightmap, self.scene.bake.denoises())
+    }
+
     pub fn bake_settings(&self) -> BakeSettings {
         let bake = &self.scene.bake;
         BakeSettings { paths: bake.paths, max_bounces: bake.max_bounces, seed: bake.seed, integrator: bake.integrator }
@@ -117,7 +122,7 @@ impl Prepared {
         errors: &HeldOutErrors,
     ) -> Model {
         let (values, transfer) = fit.expand(dataset);
-        let basis = Basis::from_texels(&Finish::new(tracer, &self.lightmap), transfer.elements, &values);
+        let basis = Basis::from_texels(&self.finish(tracer), transfer.elements, &values);
         let summary = errors.summary();
         let noise = &dataset.noise[dataset.held_out()];
         let record = TrainingRecord {

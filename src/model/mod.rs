@@ -96,9 +96,9 @@ impl Transfer {
 }
 
 impl Basis {
-    /// Lays values per texel of the lightmap, `[element][component][texel]`, out over the whole page.
+    /// Lays path traced values per texel of the lightmap, `[element][component][texel]`, out over the whole page.
     pub fn from_texels(finish: &Finish, elements: usize, values: &[f32]) -> Self {
-        let pages = finish.pages(values);
+        let pages = finish.path_traced_pages(values);
         let components = pages.len() / (elements * finish.size * finish.size).max(1);
         let values = pages.into_iter().map(f16::from_f32).collect();
         Self { size: finish.size, elements, components, values }

@@ -68,6 +68,7 @@ pub struct Inputs<'a> {
     pub model: &'a Model,
     pub tracer: &'a Tracer<'a>,
     pub lightmap: &'a Lightmap,
+    pub finish: &'a Finish,
     pub bake: BakeSettings,
     /// λ given by the user, relative.
     pub lambda: Option<f64>,
@@ -203,13 +204,12 @@ impl Inputs<'_> {
         let lit: Vec<usize> = own.dataset.held_out().filter(|&h| own.gram.is_lit(h)).collect();
         let mut order: Vec<usize> = (0..errors.transfer.len()).collect();
         order.sort_by(|&a, &b| errors.transfer[a].total_cmp(&errors.transfer[b]));
-        let finish = Finish::new(self.tracer, self.lightmap);
-        let baseline = self.baseline(own, &finish)?;
+        let baseline = self.baseline(own)?;
         let mut plates = Vec::new();
         for (share, name) in [(0.1, "one of the best tenth"), (0.5, "the median"), (0.9, "one of the worst tenth")] {
             let Some(&k) = order.get(((order.len() as f64 - 1.0) * share).round() as usize) else { continue };
             let condition = &own.dataset.conditions[lit[k]];
-            let rows = self.relit_rows(condition, &finish, &baseline, vertices, texels, centre, progress)?;
+            let rows = self.relit_rows(condition, &baseline, vertices, texels, centre, progress)?;
             plates.push(Plate {
                 title: format!("Held-out light: {name}"),
                 note: format!(
@@ -226,18 +226,17 @@ impl Inputs<'_> {
     }
 
     /// The paper's baseline with as many elements as the model.
-    fn baseline(&self, own: &Scenery, finish: &Finish) -> Result<(Basis, Transfer), ReportError> {
+    fn baseline(&self, own: &Scenery) -> Result<(Basis, Transfer), ReportError> {
         let fit = self.fit.settings;
         let lambda = self.lambda.map_or(PUBLISHED_LAMBDA, Lambda::Relative);
         let settings = TrainSettings { method: Method::Belcour, lambda, ..fit };
         let (values, transfer) = Fit::train(own.dataset, own.gram, settings)?.expand(own.dataset);
-        Ok((Basis::from_texels(finish, transfer.elements, &values), transfer))
+        Ok((Basis::from_texels(self.finish, transfer.elements, &values), transfer))
     }
 
     fn relit_rows(
         &self,
         condition: &LightingCondition,
-        finish: &Finish,
         (baseline, baseline_transfer): &(Basis, Transfer),
         vertices: &ShPrt,
         texels: &ShPrt,
@@ -260,7 +259,7 @@ impl Inputs<'_> {
         let published = render(self.tracer, &view, &table, Shown::Indirect, &|uv| baseline.sample(uv, &u))?;
         let light = light_coefficients(&condition.lights, centre, SHOWN_ORDER);
         let classical = |prt: &ShPrt| {
-            let image = LightmapImage::new(finish, &prt.indirect(&light));
+            let image = LightmapImage::new(self.finish, &prt.indirect(&light));
             render(self.tracer, &view, &table, Shown::Indirect, &|uv| image.sample(uv))
         };
         let (by_vertex, by_texel) = (classical(vertices)?, classical(texels)?);

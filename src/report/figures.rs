@@ -55,9 +55,9 @@ pub struct LightmapImage {
 }
 
 impl LightmapImage {
-    /// From values per texel of the lightmap.
+    /// From path traced values per texel of the lightmap.
     pub fn new(finish: &Finish, values: &[Rgb]) -> Self {
-        let page = |channel: usize| finish.page(&values.iter().map(|v| v[channel]).collect::<Vec<f32>>());
+        let page = |channel: usize| finish.path_traced_pages(&values.iter().map(|v| v[channel]).collect::<Vec<f32>>());
         let [r, g, b] = [page(0), page(1), page(2)];
         Self { size: finish.size, values: (0..r.len()).map(|i| Rgb::new(r[i], g[i], b[i])).collect() }
     }

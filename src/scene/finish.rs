@@ -1,10 +1,11 @@
-//! From values per texel to a whole page: the gutter is filled, and the two sides of each seam meet.
+//! From values per texel to a whole page: noise is filtered, the gutter is filled, and the two sides of each seam meet.
 //!
 //! All of it is one linear operator that depends on the geometry alone, so that it is applied to basis elements as well as
 //! to lightmaps.
 
 use rayon::prelude::*;
 
+use super::denoise::Denoise;
 use super::seams::{Lookup, seam_points};
 use super::{Lightmap, Tracer};
 
@@ -17,25 +18,32 @@ pub struct Finish {
     /// Where each texel of the page takes its value from ([`Lightmap::sources`]).
     sources: Vec<u32>,
     stitch: Stitch,
+    denoise: Option<Denoise>,
 }
 
 impl Finish {
-    pub fn new(tracer: &Tracer, lightmap: &Lightmap) -> Self {
+    /// `denoise`: whether path traced values are filtered.
+    pub fn new(tracer: &Tracer, lightmap: &Lightmap, denoise: bool) -> Self {
         let sources = lightmap.sources();
         let stitch = Stitch::new(tracer, lightmap, &sources);
-        Self { size: lightmap.size, texels: lightmap.texels.len(), sources, stitch }
+        let denoise = denoise.then(|| Denoise::new(&tracer.asset().mesh, lightmap));
+        Self { size: lightmap.size, texels: lightmap.texels.len(), sources, stitch, denoise }
     }
 
-    /// From values per texel to values per texel of the page, `[y][x]`.
+    /// From values per texel to values per texel of the page, `[y][x]`, without filtering.
     pub fn page(&self, values: &[f32]) -> Vec<f32> {
         let mut page: Vec<f32> = self.sources.iter().map(|&t| values.get(t as usize).copied().unwrap_or(0.0)).collect();
         self.stitch.apply(&mut page);
         page
     }
 
-    /// The pages of several planes of values per texel, one after another.
-    pub fn pages(&self, planes: &[f32]) -> Vec<f32> {
-        planes.par_chunks_exact(self.texels.max(1)).flat_map_iter(|plane| self.page(plane)).collect()
+    /// The pages of several planes of path traced values per texel, one after another.
+    pub fn path_traced_pages(&self, planes: &[f32]) -> Vec<f32> {
+        let page = |plane| match &self.denoise {
+            Some(denoise) => self.page(&denoise.apply(plane)),
+            None => self.page(plane),
+        };
+        planes.par_chunks_exact(self.texels.max(1)).flat_map_iter(page).collect()
     }
 }
 

@@ -4,6 +4,7 @@ pub mod asset;
 pub mod bsdf;
 mod build;
 mod buried;
+mod denoise;
 mod fill;
 pub mod finish;
 pub mod generate;
