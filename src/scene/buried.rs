@@ -32,7 +32,7 @@ const MAX_BOUNCES: u32 = 2;
 const SLIVER: f64 = 1.0 / (CELLS * CELLS) as f64;
 
 /// A texel with more than this share of it on either side of a wall shows one room's light in the other.
-const MUCH: f64 = 1.0 / 16.0;
+const MUCH: f64 = 1.0 / 4.0;
 
 /// A fixed seed: whether a texel is buried is no matter of the bake's randomness.
 const SEED: u64 = 0x6275_7269_6564;
