@@ -12,8 +12,8 @@ use relight::progress::Silent;
 use relight::report::figures::LightmapImage;
 use relight::scene::seams::{Lookup, SeamPoint, seam_points};
 use relight::scene::{Asset, Finish, Lightmap, Material, Mesh, Tracer, UvPolicy, generate, lay_out};
-use relight::transport::{BakeSettings, bake, bake_direct};
-use relight::transport::{Walk, conditions::LightSums};
+use relight::transport::{BakeSettings, Integrator, bake, bake_direct};
+use relight::transport::{Integrator, Walk, conditions::LightSums};
 
 /// Page per metre in the lightmaps of the quads below.
 const PAGE_PER_METRE: f32 = 0.08;
@@ -83,7 +83,7 @@ fn two_rooms(thickness: f32) -> Asset {
 fn lit(tracer: &Tracer, lightmap: &Lightmap, paths: u32) -> LightmapImage {
     let lamp = Light::Point { position: Vec3::new(1.0, 1.3, 0.9), color: Vec3::ONE, intensity: 10.0, range: None };
     let conditions = [LightingCondition { lights: vec![lamp] }];
-    let settings = BakeSettings { paths, max_bounces: 8, seed: 3 };
+    let settings = BakeSettings { paths, max_bounces: 8, seed: 3, integrator: Integrator::Path };
     let indirect = bake(tracer, lightmap, &conditions, &settings, &Silent).unwrap().indirect;
     let direct = bake_direct(tracer, lightmap, &conditions, 3, &Silent).unwrap();
     let values: Vec<Rgb> = indirect
@@ -316,7 +316,7 @@ fn stitched_seams_are_no_stronger_than_the_inside() {
     let lamp = Light::Point { position: Vec3::new(1.5, 2.0, 1.0), color: Vec3::ONE, intensity: 10.0, range: None };
     let conditions = [LightingCondition { lights: vec![lamp] }];
     let table = LightTable::from_conditions(&conditions);
-    let settings = BakeSettings { paths: 128, max_bounces: 8, seed: 1 };
+    let settings = BakeSettings { paths: 128, max_bounces: 8, seed: 1, integrator: Integrator::Path };
     let baked = bake(&tracer, &lightmap, &conditions, &settings, &Silent).unwrap();
     let values: Vec<f32> = baked.indirect.iter().step_by(3).copied().collect();
     let unstitched: Vec<f32> = lightmap.sources().iter().map(|&t| values[t as usize]).collect();
@@ -403,7 +403,7 @@ fn denoising_lowers_the_error() {
         let lamp = Light::Point { position: lamp, color: Vec3::ONE, intensity: 10.0, range: None };
         let conditions = [LightingCondition { lights: vec![lamp] }];
         let baked = |paths: u32, seed: u64| -> Vec<f32> {
-            let settings = BakeSettings { paths, max_bounces: 8, seed };
+            let settings = BakeSettings { paths, max_bounces: 8, seed, integrator: Integrator::Path };
             let baked = bake(&tracer, &lightmap, &conditions, &settings, &Silent).unwrap();
             baked.indirect.iter().step_by(3).copied().collect()
         };
