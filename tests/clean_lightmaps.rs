@@ -13,7 +13,7 @@ use relight::report::figures::LightmapImage;
 use relight::scene::seams::{Lookup, SeamPoint, seam_points};
 use relight::scene::{Asset, Finish, Lightmap, Material, Mesh, Tracer, UvPolicy, generate, lay_out};
 use relight::transport::{BakeSettings, Integrator, bake, bake_direct};
-use relight::transport::{Integrator, Walk, conditions::LightSums};
+use relight::transport::{Walk, conditions::LightSums};
 
 /// Page per metre in the lightmaps of the quads below.
 const PAGE_PER_METRE: f32 = 0.08;
