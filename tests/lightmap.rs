@@ -18,7 +18,7 @@ fn main() {
         trial("fragments_tile_each_triangle", fragments_tile_each_triangle),
         trial("samples_lie_in_their_texel", samples_lie_in_their_texel),
         trial("samples_are_uniform_by_area", samples_are_uniform_by_area),
-        trial("nearest_covered_matches_brute_force", nearest_covered_matches_brute_force),
+        trial("sources_matches_brute_force", sources_matches_brute_force),
         trial("good_uv_set_is_used", good_uv_set_is_used),
         trial("shared_edges_do_not_overlap", shared_edges_do_not_overlap),
         trial("bad_uv_sets_are_refused_with_reasons", bad_uv_sets_are_refused_with_reasons),
@@ -218,11 +218,11 @@ fn assert_chi_squared(counts: &[usize], expected: &[f64]) {
     assert!(value < limit(counts.len()), "χ² = {value}: {counts:?} for {expected:?}");
 }
 
-fn nearest_covered_matches_brute_force() {
+fn sources_matches_brute_force() {
     for (seed, triangles, size) in [(41, 1, 17), (42, 3, 40), (43, 40, 33)] {
         let mesh = random_mesh(seed, triangles);
         let lightmap = Lightmap::new(&mesh, size);
-        let nearest = lightmap.nearest_covered();
+        let nearest = lightmap.sources();
         let at = |index: usize| ((index % size) as i64, (index / size) as i64);
         for (index, &found) in nearest.iter().enumerate() {
             let distance = |t: usize| {

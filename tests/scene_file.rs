@@ -134,7 +134,15 @@ fn scene_file() -> impl Strategy<Value = SceneFile> {
             lightmap: LightmapSettings { size, uv: if second { UvPolicy::Unwrap } else { UvPolicy::Auto } },
             scenario,
             points: PointSettings { count, sub_points },
-            bake: BakeSettings { conditions, held_out, paths, max_bounces, seed, integrator: Integrator::Auto },
+            bake: BakeSettings {
+                conditions,
+                held_out,
+                paths,
+                max_bounces,
+                denoise: belcour.then_some(multi),
+                seed,
+                integrator: Integrator::Auto,
+            },
             train: TrainSettings {
                 method: if belcour { Method::Belcour } else { Method::Linear },
                 basis,

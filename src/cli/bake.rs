@@ -14,7 +14,7 @@ use super::settings::Overrides;
 use super::{Failure, Reporter};
 use crate::dataset::Bytes;
 use crate::light::LightingCondition;
-use crate::scene::{Lightmap, Tracer};
+use crate::scene::{Finish, Tracer};
 use crate::scene_file::SceneFile;
 use crate::transport::{bake, bake_direct};
 
@@ -49,7 +49,7 @@ impl Bake {
         let baked = bake(&tracer, &prepared.lightmap, &conditions, &settings, reporter)?;
         let seconds = start.elapsed().as_secs_f64();
         let direct = bake_direct(&tracer, &prepared.lightmap, &conditions, settings.seed, reporter)?;
-        let bytes = exr_of(&prepared.lightmap, &[("direct", &direct), ("indirect", &baked.indirect)])
+        let bytes = exr_of(&prepared.finish(&tracer), &direct, &baked.indirect)
             .map_err(|e| Failure::Work(format!("{}: {e}", self.output.display())))?;
         super::write_file(&self.output, &bytes)?;
         let texels = prepared.lightmap.texels.len();
@@ -73,17 +73,18 @@ impl Bake {
     }
 }
 
-/// An OpenEXR file with the channels `LAYER.R`, `.G`, `.B` of `[texel][channel]` values; the gutter repeats the nearest texel.
-fn exr_of(lightmap: &Lightmap, layers: &[(&str, &[f32])]) -> exr::error::Result<Vec<u8>> {
-    let nearest = lightmap.nearest_covered();
+/// An OpenEXR file with the channels `LAYER.R`, `.G`, `.B` of finished `[texel][channel]` values.
+fn exr_of(finish: &Finish, direct: &[f32], indirect: &[f32]) -> exr::error::Result<Vec<u8>> {
     let mut channels = Vec::new();
-    for (layer, values) in layers {
+    // Shadows' edges are not noise.
+    for (layer, values, path_traced) in [("direct", direct, false), ("indirect", indirect, true)] {
         for (c, channel) in ["R", "G", "B"].iter().enumerate() {
-            let samples = nearest.iter().map(|&t| values[3 * t as usize + c]).collect();
+            let plane: Vec<f32> = values.iter().skip(c).step_by(3).copied().collect();
+            let samples = if path_traced { finish.path_traced_pages(&plane) } else { finish.page(&plane) };
             channels.push(AnyChannel::new(format!("{layer}.{channel}").as_str(), FlatSamples::F32(samples)));
         }
     }
-    let size = (lightmap.size, lightmap.size);
+    let size = (finish.size, finish.size);
     let channels = AnyChannels::sort(channels.into_iter().collect());
     let layer = Layer::new(size, LayerAttributes::default(), Encoding::FAST_LOSSLESS, channels);
     let mut bytes = Cursor::new(Vec::new());

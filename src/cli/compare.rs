@@ -82,6 +82,7 @@ pub fn compare(
         model: &trained.model,
         tracer: &tracer,
         lightmap: &prepared.lightmap,
+        finish: &prepared.finish(&tracer),
         bake: prepared.bake_settings(),
         lambda: prepared.scene.train.lambda,
         reference_paths,

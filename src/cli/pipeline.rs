@@ -8,7 +8,7 @@ use crate::light::LightingCondition;
 use crate::measure::MeasurementPoints;
 use crate::model::{Basis, HeldOut, Model, TrainingRecord};
 use crate::progress::Progress;
-use crate::scene::{Asset, Lightmap, Tracer, lay_out};
+use crate::scene::{Asset, Finish, Lightmap, Tracer, lay_out};
 use crate::scene_file::SceneFile;
 use crate::transfer::{Fit, Gram, HeldOutErrors, TrainSettings, TransferError};
 use crate::transport::BakeSettings;
@@ -46,7 +46,14 @@ pub fn prepare(scene: SceneFile, place: &str, reporter: &Reporter) -> Result<Pre
     for reason in &choice.reasons {
         reporter.note(&format!("lightmap: {reason}"));
     }
-    let lightmap = Lightmap::new(&asset.mesh, scene.lightmap.size as usize);
+    let lightmap = Lightmap::open(&Tracer::new(&asset), scene.lightmap.size as usize);
+    if lightmap.astride > 0 {
+        let astride = lightmap.astride;
+        reporter.note(&format!(
+            "lightmap: {astride} texels lie astride walls thinner than a texel, where light may leak; a larger \
+             lightmap.size parts them"
+        ));
+    }
     Ok(Prepared { scene, asset, lightmap })
 }
 
@@ -57,8 +64,13 @@ impl Prepared {
             Failure::Input(format!("{}: damaged: its scene settings do not parse: {}", place.display(), e.message()))
         })?;
         scene.check(&place.display().to_string())?;
-        let lightmap = Lightmap::new(&model.asset.mesh, scene.lightmap.size as usize);
+        let lightmap = Lightmap::open(&Tracer::new(&model.asset), scene.lightmap.size as usize);
         Ok(Self { scene, asset: model.asset.clone(), lightmap })
+    }
+
+    /// What lays this lightmap's values out over the page.
+    pub fn finish(&self, tracer: &Tracer) -> Finish {
+        Finish::new(tracer, &self.lightmap, self.scene.bake.denoises())
     }
 
     pub fn bake_settings(&self) -> BakeSettings {
@@ -132,13 +144,14 @@ impl Prepared {
                 .note(&format!("{} of {} conditions light nothing and were dropped", fit.dropped, dataset.training));
         }
         let errors = HeldOutErrors::of(&fit, &dataset, &gram);
-        let model = self.assemble(points, &dataset, &fit, &errors, reporter)?;
+        let model = self.assemble(&tracer, points, &dataset, &fit, &errors, reporter)?;
         let train_seconds = start.elapsed().as_secs_f64();
         Ok(Trained { model, dataset, gram, fit, paths: self.scene.bake.paths, bake_seconds, train_seconds })
     }
 
     fn assemble(
         &self,
+        tracer: &Tracer,
         points: MeasurementPoints,
         dataset: &Dataset,
         fit: &Fit,
@@ -146,7 +159,7 @@ impl Prepared {
         reporter: &Reporter,
     ) -> Result<Model, Failure> {
         let (values, transfer) = fit.expand(dataset, reporter)?;
-        let basis = Basis::from_texels(&self.lightmap, transfer.elements, &values);
+        let basis = Basis::from_texels(&self.finish(tracer), transfer.elements, &values);
         let summary = errors.summary();
         let noise = &dataset.noise[dataset.held_out()];
         let record = TrainingRecord {

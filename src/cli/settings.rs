@@ -30,6 +30,9 @@ pub struct Overrides {
     /// Reflections after which a path ends
     #[arg(long)]
     pub max_bounces: Option<u32>,
+    /// Whether path traced lightmaps are filtered along equal normals [default: with up to 256 paths]
+    #[arg(long)]
+    pub denoise: Option<bool>,
     /// Measurement points
     #[arg(long)]
     pub points: Option<usize>,
@@ -76,6 +79,9 @@ impl Overrides {
         set(&mut scene.train.method, &self.method);
         set(&mut scene.train.channels, &self.channels);
         set(&mut scene.asset.materials, &self.materials);
+        if self.denoise.is_some() {
+            scene.bake.denoise = self.denoise;
+        }
         if self.lambda.is_some() {
             scene.train.lambda = self.lambda;
         }

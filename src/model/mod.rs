@@ -13,7 +13,7 @@ pub use view::{Shown, View, ViewError};
 
 use crate::math::Rgb;
 use crate::measure::MeasurementPoints;
-use crate::scene::{Asset, Lightmap};
+use crate::scene::{Asset, Finish};
 use half::f16;
 
 /// Whether colour channels share the vectors or have vectors of their own (paper 5.2).
@@ -26,7 +26,8 @@ pub enum Channels {
     Multi,
 }
 
-/// n basis elements over the lightmap, dilated into the gutter so that bilinear lookups inside a chart read only its own values.
+/// n basis elements over the lightmap, finished: lookups inside a chart read only its own values, and charts join without a
+/// seam.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Basis {
     /// Side of the square lightmap, texels.
@@ -95,16 +96,12 @@ impl Transfer {
 }
 
 impl Basis {
-    /// Lays values per covered texel, `[element][component][texel]`, out over the whole lightmap; the gutter takes the value
-    /// of the nearest covered texel.
-    pub fn from_texels(lightmap: &Lightmap, elements: usize, values: &[f32]) -> Self {
-        let texels = lightmap.texels.len();
-        let components = values.len() / (elements * texels).max(1);
-        let nearest = lightmap.nearest_covered();
-        let values = values
-            .chunks_exact(texels.max(1))
-            .flat_map(|plane| nearest.iter().map(|&t| f16::from_f32(plane[t as usize])));
-        Self { size: lightmap.size, elements, components, values: values.collect() }
+    /// Lays path traced values per texel of the lightmap, `[element][component][texel]`, out over the whole page.
+    pub fn from_texels(finish: &Finish, elements: usize, values: &[f32]) -> Self {
+        let pages = finish.path_traced_pages(values);
+        let components = pages.len() / (elements * finish.size * finish.size).max(1);
+        let values = pages.into_iter().map(f16::from_f32).collect();
+        Self { size: finish.size, elements, components, values }
     }
 
     /// Σⱼ uⱼ Uⱼ at texel (x, y): indirect irradiance.

@@ -13,7 +13,7 @@ use crate::model::render::render;
 use crate::model::{Basis, Model, Picture, Shown, Transfer, View, ViewError};
 use crate::progress::Progress;
 use crate::prt::{PrtError, PrtSettings, ShPrt, bake_texels, bake_vertices, light_coefficients};
-use crate::scene::{Lightmap, Tracer};
+use crate::scene::{Finish, Lightmap, Tracer};
 use crate::transfer::{Fit, Gram, HeldOutErrors, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings, TransferError};
 use crate::transport::reference::{Reference, ReferenceError, ReferenceSettings};
 use crate::transport::{BakeError, BakeSettings, bake_direct};
@@ -70,6 +70,7 @@ pub struct Inputs<'a> {
     pub model: &'a Model,
     pub tracer: &'a Tracer<'a>,
     pub lightmap: &'a Lightmap,
+    pub finish: &'a Finish,
     pub bake: BakeSettings,
     /// λ given by the user, relative.
     pub lambda: Option<f64>,
@@ -245,7 +246,7 @@ impl Inputs<'_> {
         let lambda = self.lambda.map_or(PUBLISHED_LAMBDA, Lambda::Relative);
         let settings = TrainSettings { method: Method::Belcour, lambda, ..fit };
         let (values, transfer) = Fit::train(own.dataset, own.gram, settings)?.expand(own.dataset, progress)?;
-        Ok((Basis::from_texels(self.lightmap, transfer.elements, &values), transfer))
+        Ok((Basis::from_texels(self.finish, transfer.elements, &values), transfer))
     }
 
     fn relit_rows(
@@ -274,7 +275,7 @@ impl Inputs<'_> {
         let published = render(self.tracer, &view, &table, Shown::Indirect, &|uv| baseline.sample(uv, &u))?;
         let light = light_coefficients(&condition.lights, &emission, centre, SHOWN_ORDER);
         let classical = |prt: &ShPrt| {
-            let image = LightmapImage::new(self.lightmap, &prt.indirect(&light));
+            let image = LightmapImage::new(self.finish, &prt.indirect(&light));
             render(self.tracer, &view, &table, Shown::Indirect, &|uv| image.sample(uv))
         };
         let (by_vertex, by_texel) = (classical(vertices)?, classical(texels)?);

@@ -12,7 +12,7 @@ use crate::measure::{MeasurementPoint, MeasurementPoints};
 use crate::model::render::first_visible;
 use crate::model::{Picture, View, ViewError};
 use crate::progress::Progress;
-use crate::scene::{Lightmap, Tracer};
+use crate::scene::{Finish, Lightmap, Tracer};
 use crate::transfer::Fit;
 
 /// Encodes 8-bit RGB pixels as PNG.
@@ -56,10 +56,11 @@ pub struct LightmapImage {
 }
 
 impl LightmapImage {
-    /// From values per covered texel; the gutter takes those of the nearest.
-    pub fn new(lightmap: &Lightmap, values: &[Rgb]) -> Self {
-        let nearest = lightmap.nearest_covered();
-        Self { size: lightmap.size, values: nearest.iter().map(|&t| values[t as usize]).collect() }
+    /// From path traced values per texel of the lightmap.
+    pub fn new(finish: &Finish, values: &[Rgb]) -> Self {
+        let page = |channel: usize| finish.path_traced_pages(&values.iter().map(|v| v[channel]).collect::<Vec<f32>>());
+        let [r, g, b] = [page(0), page(1), page(2)];
+        Self { size: finish.size, values: (0..r.len()).map(|i| Rgb::new(r[i], g[i], b[i])).collect() }
     }
 
     /// Bilinear between texel centres, as [`crate::model::Basis::sample`].

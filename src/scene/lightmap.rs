@@ -37,8 +37,12 @@ pub struct LightmapChoice {
     pub reasons: Vec<String>,
 }
 
-/// Empty texels around each chart, so that a bilinear lookup at a chart's border reads no other chart.
+/// Empty texels around each chart at least, so that a bilinear lookup at a chart's border reads no other chart.
 const PADDING: u32 = 2;
+
+/// Sides of a lightmap, texels, for each texel of padding beyond that. With 2ᵏ texels around each chart, texels of mip level
+/// k on its border hold no other chart, so that a lightmap of 1024² keeps charts apart down to 256², one of 2048² too.
+const SIZE_PER_PADDING: u32 = 256;
 
 /// Fills the mesh's `lightmap_uvs` for a lightmap of `size` × `size` texels. An unwrap duplicates vertices along seams.
 ///
@@ -105,7 +109,8 @@ fn unwrap(asset: &mut Asset, size: u32) -> Result<(u32, f32), SceneError> {
     let indices: Vec<u32> = mesh.triangles.iter().flatten().copied().collect();
     // Charts keep materials apart, so that unlike surfaces do not share texels; where that makes more charts than the
     // page holds, they may span materials, and at last stand closer together.
-    let attempts = [(true, PADDING), (false, PADDING), (false, 1)];
+    let padding = PADDING.max(size / SIZE_PER_PADDING);
+    let attempts = [(true, padding), (false, padding), (false, PADDING), (false, 1)];
     let mut reason = String::new();
     for (by_material, padding) in attempts {
         let input = uvunwrap::MeshInput {

@@ -3,6 +3,10 @@
 pub mod asset;
 pub mod bsdf;
 mod build;
+mod buried;
+mod denoise;
+mod fill;
+pub mod finish;
 pub mod generate;
 mod gltf;
 mod image_file;
@@ -14,6 +18,7 @@ mod mtl;
 mod obj;
 mod obj_normals;
 pub mod proximity;
+pub mod seams;
 pub mod surface;
 pub mod texels;
 pub mod tracer;
@@ -21,6 +26,7 @@ mod uv_check;
 
 pub use asset::{Asset, Camera, PunctualKind, PunctualLight};
 pub use bsdf::BsdfSample;
+pub use finish::Finish;
 pub use generate::generate;
 pub use lightmap::{LightmapChoice, LightmapSource, UvPolicy, lay_out};
 pub use load::{SceneError, load};

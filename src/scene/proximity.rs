@@ -6,7 +6,7 @@ use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::triangle::Triangle;
 
-use super::Mesh;
+use super::{Aabb, Mesh};
 
 /// Answers nearest-surface queries for one mesh.
 pub struct Proximity {
@@ -21,6 +21,24 @@ impl Proximity {
             triangles.iter().map(|&[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() }).collect();
         let bvh = build_bvh2_from_tris(&boxes, BvhBuildParams::fast_build(), &mut Default::default());
         Self { triangles, bvh }
+    }
+
+    /// Visits the triangles whose bounding boxes may touch `bounds`, each once.
+    pub fn for_each_near(&self, bounds: &Aabb, mut visit: impl FnMut(u32)) {
+        let mut stack = vec![0u32];
+        while let Some(index) = stack.pop().filter(|_| !self.triangles.is_empty()) {
+            let node = &self.bvh.nodes[index as usize];
+            let (min, max) = (Vec3::from(node.aabb.min), Vec3::from(node.aabb.max));
+            if min.cmpgt(bounds.max).any() || max.cmplt(bounds.min).any() {
+                continue;
+            }
+            if node.prim_count == 0 {
+                stack.extend([node.first_index, node.first_index + 1]);
+                continue;
+            }
+            let slots = node.first_index..node.first_index + node.prim_count;
+            slots.for_each(|slot| visit(self.bvh.primitive_indices[slot as usize]));
+        }
     }
 
     /// Distance from `point` to the surface where it is less than `limit`, otherwise `limit`; metres.

@@ -19,6 +19,9 @@ pub struct Texel {
 }
 
 /// The covered texels of a square lightmap, in row-major order, with the triangles in each.
+///
+/// [`Lightmap::new`] has every texel that holds surface; [`Lightmap::open`] those that light can reach, and of each the
+/// part that it can reach.
 #[derive(Clone, Debug)]
 pub struct Lightmap {
     /// Texels along a side.
@@ -27,7 +30,33 @@ pub struct Lightmap {
     /// Texel t's triangles are `triangles[starts[t]..starts[t + 1]]`, ascending.
     starts: Vec<usize>,
     triangles: Vec<u32>,
+    /// Texels of which only a part counts: position in `texels`, ascending, and the cells that count.
+    parts: Vec<(u32, Cells)>,
+    /// Texels with surface that were left out, in the order of their index.
+    pub(super) left_out: Vec<LeftOut>,
+    /// The chart of each texel; empty where every texel that holds surface is one.
+    pub(super) charts: Vec<u32>,
+    /// Texels astride a wall thinner than they are, which hold one side's light: what lies on the other side reads it, too.
+    pub astride: usize,
 }
+
+/// A texel with surface that takes its value from another one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LeftOut {
+    pub index: u32,
+    pub chart: u32,
+    /// Whether light cannot reach it, rather than that it has hardly any surface.
+    pub buried: bool,
+}
+
+/// A subset of the [`CELLS`]² square cells of a texel: bit `CELLS` · row + column.
+pub(super) type Cells = u64;
+
+/// Cells along a texel's side.
+pub(super) const CELLS: usize = 8;
+
+/// All of a texel.
+pub(super) const WHOLE: Cells = Cells::MAX;
 
 /// The part of a triangle in one texel.
 #[derive(Clone, Copy, Debug)]
@@ -36,6 +65,8 @@ pub struct Fragment {
     corners: [DVec2; MAX_CORNERS],
     count: usize,
     pub area_m2: f64,
+    /// Share of the texel, or of the texel's cell, that it covers.
+    pub coverage: f64,
 }
 
 /// A triangle cut by the four sides of a square.
@@ -86,7 +117,40 @@ impl Lightmap {
             triangles[*slot] = triangle;
             *slot += 1;
         }
-        Self { size, texels, starts, triangles }
+        Self {
+            size,
+            texels,
+            starts,
+            triangles,
+            parts: Vec::new(),
+            left_out: Vec::new(),
+            charts: Vec::new(),
+            astride: 0,
+        }
+    }
+
+    /// Keeps of each texel the given cells; leaves out the texels of which none are kept, and slivers. `charts` has each
+    /// texel's chart.
+    pub(super) fn keep(self, mesh: &Mesh, cells: &[Cells], slivers: &[bool], charts: &[u32]) -> Self {
+        let mut kept = Self { texels: Vec::new(), starts: vec![0], triangles: Vec::new(), ..self.clone() };
+        for (t, &cells) in cells.iter().enumerate() {
+            if cells == 0 || slivers[t] {
+                kept.left_out.push(LeftOut { index: self.texels[t].index, chart: charts[t], buried: cells == 0 });
+                continue;
+            }
+            if cells != WHOLE {
+                kept.parts.push((kept.texels.len() as u32, cells));
+            }
+            kept.texels.push(self.texels[t]);
+            kept.triangles.extend(self.triangles(t));
+            kept.starts.push(kept.triangles.len());
+            kept.charts.push(charts[t]);
+        }
+        for i in 0..kept.parts.len() {
+            let t = kept.parts[i].0 as usize;
+            kept.texels[t].area = kept.fragments(mesh, t).iter().map(|f| f.area_m2).sum::<f64>() as f32;
+        }
+        kept
     }
 
     /// The triangles that lie in a covered texel (a position in `texels`), ascending.
@@ -94,80 +158,64 @@ impl Lightmap {
         &self.triangles[self.starts[texel]..self.starts[texel + 1]]
     }
 
-    /// The parts of those triangles inside the texel, in the same order. `mesh` is the one it was built from.
+    /// The parts of those triangles inside the texel, or inside the cells of it that count, in the order of the triangles
+    /// in each. `mesh` is the one it was built from.
     pub fn fragments(&self, mesh: &Mesh, texel: usize) -> Vec<Fragment> {
         let index = self.texels[texel].index as usize;
         let (x, y) = (index % self.size, index / self.size);
-        let clip = |&triangle: &u32| Footprint::new(mesh, triangle as usize, self.size).fragment(x, y);
+        match self.part(texel) {
+            WHOLE => self.clip(mesh, texel, self.size, (x, y)),
+            part => set_bits(part)
+                .flat_map(|cell| self.clip(mesh, texel, self.size * CELLS, cell_square((x, y), cell)))
+                .collect(),
+        }
+    }
+
+    /// The cells of a texel that count.
+    pub(super) fn part(&self, texel: usize) -> Cells {
+        self.parts.binary_search_by_key(&(texel as u32), |p| p.0).map_or(WHOLE, |at| self.parts[at].1)
+    }
+
+    /// Whether light can reach the surface at lightmap coordinates `uv`.
+    pub(super) fn is_open_at(&self, uv: Vec2) -> bool {
+        let [x, y] = (uv * self.size as f32).to_array().map(|c| c.clamp(0.0, self.size as f32 - 0.5));
+        let index = y as u32 * self.size as u32 + x as u32;
+        let cell = (y.fract() * CELLS as f32) as usize * CELLS + (x.fract() * CELLS as f32) as usize;
+        match self.texels.binary_search_by_key(&index, |t| t.index) {
+            Ok(texel) => self.part(texel) >> cell & 1 != 0,
+            Err(_) => self.left_out.binary_search_by_key(&index, |l| l.index).is_ok_and(|at| !self.left_out[at].buried),
+        }
+    }
+
+    /// The fragments in one cell of a texel.
+    pub(super) fn cell_fragments(&self, mesh: &Mesh, texel: usize, cell: usize) -> Vec<Fragment> {
+        let index = self.texels[texel].index as usize;
+        let square = cell_square((index % self.size, index / self.size), cell);
+        self.clip(mesh, texel, self.size * CELLS, square)
+    }
+
+    /// The texel's triangles clipped to a square of the page cut into `size` × `size`.
+    fn clip(&self, mesh: &Mesh, texel: usize, size: usize, (x, y): (usize, usize)) -> Vec<Fragment> {
+        let clip = |&triangle: &u32| Footprint::new(mesh, triangle as usize, size).fragment(x, y);
         self.triangles(texel).iter().filter_map(clip).collect()
+    }
+
+    /// Share of the texel that its surface covers, at most 1.
+    pub(super) fn coverage(&self, mesh: &Mesh, texel: usize) -> f32 {
+        let cell = if self.part(texel) == WHOLE { 1.0 } else { 1.0 / (CELLS * CELLS) as f64 };
+        let sum: f64 = self.fragments(mesh, texel).iter().map(|f| f.coverage * cell).sum();
+        sum.min(1.0) as f32
     }
 
     /// Draws points of the texel's surface.
     pub fn sampler(&self, mesh: &Mesh, texel: usize) -> TexelSampler {
         TexelSampler::new(&self.fragments(mesh, texel))
     }
+}
 
-    /// For every texel of the whole map, `[y · size + x]`, the position in `texels` of the nearest covered one: itself
-    /// where it is covered, `u32::MAX` where nothing is. Of several nearest ones, always the same.
-    ///
-    /// Exact Euclidean distances in two passes (Felzenszwalb and Huttenlocher, *Distance Transforms of Sampled
-    /// Functions*, 2012).
-    pub fn nearest_covered(&self) -> Vec<u32> {
-        let size = self.size;
-        let mut position = vec![u32::MAX; size * size];
-        for (t, texel) in self.texels.iter().enumerate() {
-            position[texel.index as usize] = t as u32;
-        }
-        // Along each column: the nearest covered row.
-        const NONE: usize = usize::MAX;
-        let mut nearest_row = vec![NONE; size * size];
-        for x in 0..size {
-            let covered = |y: usize| position[y * size + x] != u32::MAX;
-            let mut above = NONE;
-            for y in 0..size {
-                above = if covered(y) { y } else { above };
-                nearest_row[y * size + x] = above;
-            }
-            let mut below = NONE;
-            for y in (0..size).rev() {
-                below = if covered(y) { y } else { below };
-                let above = nearest_row[y * size + x];
-                if above == NONE || below != NONE && below - y < y - above {
-                    nearest_row[y * size + x] = below;
-                }
-            }
-        }
-        // Along each row: the lower envelope of the parabolas (x − i)² + (distance along column i)².
-        let mut nearest = vec![u32::MAX; size * size];
-        let mut envelope: Vec<(usize, f64)> = Vec::with_capacity(size);
-        for y in 0..size {
-            let height = |x: usize| (nearest_row[y * size + x] as f64 - y as f64).powi(2) + (x * x) as f64;
-            envelope.clear();
-            for x in (0..size).filter(|&x| nearest_row[y * size + x] != NONE) {
-                // Where this parabola falls below the last one of the envelope.
-                let mut from = f64::NEG_INFINITY;
-                while let Some(&(last, last_from)) = envelope.last() {
-                    from = (height(x) - height(last)) / (2 * (x - last)) as f64;
-                    if from > last_from {
-                        break;
-                    }
-                    envelope.pop();
-                    from = f64::NEG_INFINITY;
-                }
-                envelope.push((x, from));
-            }
-            let mut piece = 0;
-            for x in 0..size {
-                while piece + 1 < envelope.len() && envelope[piece + 1].1 < x as f64 {
-                    piece += 1;
-                }
-                if let Some(&(column, _)) = envelope.get(piece) {
-                    nearest[y * size + x] = position[nearest_row[y * size + column] * size + column];
-                }
-            }
-        }
-        nearest
-    }
+/// The cells of a set, ascending.
+pub(super) fn set_bits(cells: Cells) -> impl Iterator<Item = usize> {
+    (0..CELLS * CELLS).filter(move |&cell| cells >> cell & 1 != 0)
 }
 
 /// Points on the surface inside one texel, uniform by area.
@@ -306,10 +354,15 @@ impl Footprint {
         let corners = polygon.corners.map(|c| c.barycentric);
         // The whole triangle has the area 1/2 in barycentric coordinates.
         let area_m2 = polygon_area(&corners[..polygon.count]) * 2.0 * self.area_m2;
-        let footprint = polygon_area(&polygon.corners.map(|c| c.texel)[..polygon.count]);
-        let some = area_m2 > 0.0 && footprint > 0.0;
-        some.then_some(Fragment { triangle: self.triangle, corners, count: polygon.count, area_m2 })
+        let coverage = polygon_area(&polygon.corners.map(|c| c.texel)[..polygon.count]);
+        let some = area_m2 > 0.0 && coverage > 0.0;
+        some.then_some(Fragment { triangle: self.triangle, corners, count: polygon.count, area_m2, coverage })
     }
+}
+
+/// The square of a texel's cell, counted in cells over the whole page.
+fn cell_square((x, y): (usize, usize), cell: usize) -> (usize, usize) {
+    (x * CELLS + cell % CELLS, y * CELLS + cell / CELLS)
 }
 
 /// Texels that an interval in texels reaches into.
