@@ -8,7 +8,9 @@ use std::io::Write;
 use std::time::Instant;
 
 use glam::Vec3;
+use relight::math::LANES;
 use relight::scene::Tracer;
+use relight::scene::tracer::Segments;
 
 #[path = "../benches/rays/mod.rs"]
 mod rays;
@@ -58,10 +60,30 @@ fn time(mesh: &str, file: &str) -> Result<(), Box<dyn Error>> {
                     }
                 }
             }
+            // To LIGHTS points from each origin, together.
+            "shadows" => hits = shadows(&tracer, &rays),
             _ => hits = rays.iter().filter(|[origin, _, segment]| tracer.occluded(*origin, *segment)).count(),
         }
         println!("{} {hits} {sum}", start.elapsed().as_secs_f64());
         std::io::stdout().flush()?;
     }
     Ok(())
+}
+
+const LIGHTS: usize = 128;
+
+/// Segments that something hides: one origin in LIGHTS casts shadow rays to the ends of all their segments.
+fn shadows(tracer: &Tracer, rays: &[[Vec3; 3]]) -> usize {
+    let mut shadows = tracer.shadow_rays(Some(tracer.asset().mesh.bounds()));
+    let mut hidden = 0;
+    for group in rays.chunks_exact(LIGHTS) {
+        let origin = group[0][0];
+        shadows.start_from(origin);
+        for packet in group.as_chunks::<LANES>().0 {
+            let ends = packet.map(|[from, _, segment]| from + segment - origin);
+            let segments: Segments = [0, 1, 2].map(|axis| ends.map(|end| end[axis]));
+            hidden += LANES - shadows.unoccluded(&segments, (1 << LANES) - 1).count_ones() as usize;
+        }
+    }
+    hidden
 }

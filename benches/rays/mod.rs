@@ -57,29 +57,36 @@ pub fn rays(asset: &Asset, count: usize, seed: u64) -> Vec<Ray> {
         .collect()
 }
 
-/// The statue with each triangle split in four until there are some 200 thousand, new vertices pushed a little off the old
-/// surface so that no two triangles lie in one plane.
+/// The statue, each triangle divided into 25, new vertices pushed a little off the old surface so that no two triangles lie in
+/// one plane.
 fn fine_statue() -> Asset {
-    let mut asset = generate("statue").expect("a scene of that name");
+    const PARTS: u32 = 5;
+    let coarse = generate("statue").expect("a scene of that name").mesh;
     let mut rng = Pcg64Mcg::seed_from_u64(5);
-    let (mut positions, mut triangles) = (asset.mesh.positions.clone(), asset.mesh.triangles.clone());
-    while triangles.len() < 120_000 {
-        let mut middles = std::collections::HashMap::new();
-        let mut finer = Vec::with_capacity(4 * triangles.len());
-        for &[a, b, c] in &triangles {
-            let [ab, bc, ca] = [[a, b], [b, c], [c, a]].map(|[i, j]| {
-                *middles.entry([i.min(j), i.max(j)]).or_insert_with(|| {
-                    let (p, q) = (positions[i as usize], positions[j as usize]);
-                    positions.push((p + q) * 0.5 + (triple(&mut rng) - 0.5) * (0.1 * p.distance(q)));
-                    positions.len() as u32 - 1
-                })
-            });
-            finer.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    // Vertices by their weights, so that neighbours share those of their edge.
+    let mut vertices = std::collections::HashMap::new();
+    for corners in &coarse.triangles {
+        let mut vertex = |i: u32, j: u32| {
+            let mut weights = [(corners[0], PARTS - i - j), (corners[1], i), (corners[2], j)];
+            weights.sort();
+            let key: Vec<_> = weights.into_iter().filter(|&(_, weight)| weight > 0).collect();
+            *vertices.entry(key).or_insert_with_key(|key| {
+                let at: Vec3 = key.iter().map(|&(v, weight)| coarse.positions[v as usize] * weight as f32).sum();
+                let cell = coarse.positions[corners[0] as usize].distance(coarse.positions[corners[1] as usize]);
+                let push = if key.len() == 1 { 0.0 } else { 0.1 / PARTS as f32 * cell };
+                positions.push(at / PARTS as f32 + (triple(&mut rng) - 0.5) * push);
+                positions.len() as u32 - 1
+            })
+        };
+        for (i, j) in (0..PARTS).flat_map(|i| (0..PARTS - i).map(move |j| (i, j))) {
+            triangles.push([vertex(i, j), vertex(i + 1, j), vertex(i, j + 1)]);
+            if i + j + 1 < PARTS {
+                triangles.push([vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)]);
+            }
         }
-        triangles = finer;
     }
-    asset = of_triangles("statue", positions, triangles);
-    asset
+    of_triangles("statue", positions, triangles)
 }
 
 /// 9,600 curled ribbons of 120 triangles, grown outwards from the middle of a ball.
