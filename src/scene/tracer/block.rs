@@ -1,8 +1,8 @@
 //! Triangles tested eight at a time.
 //!
 //! A triangle is hit where the signed volumes that the ray spans with its three edges agree in sign; in the ray's sheared
-//! space they are areas. Triangles that share an edge compute the same area for it, so no ray slips between them: products are
-//! rounded before they are subtracted, for a fused one would not change sign with the edge's direction.
+//! space they are areas. Each has the sign that it has in exact arithmetic on the sheared corners, which triangles share: no
+//! ray slips between them, through an edge or a vertex, and none hits a sliver that it passes by.
 
 use glam::Vec3;
 
@@ -54,9 +54,9 @@ pub struct Areas {
 impl Areas {
     #[inline(always)]
     pub fn new(a: Corner, b: Corner, c: Corner) -> Self {
-        let wa = c.x * b.y - c.y * b.x;
-        let wb = a.x * c.y - a.y * c.x;
-        let wc = b.x * a.y - b.y * a.x;
+        let wa = F32x8::determinant(c.x, b.y, c.y, b.x);
+        let wb = F32x8::determinant(a.x, c.y, a.y, c.x);
+        let wc = F32x8::determinant(b.x, a.y, b.y, a.x);
         Self { a: wa, b: wb, c: wc, sum: wa + wb + wc }
     }
 

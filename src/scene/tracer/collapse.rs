@@ -119,6 +119,7 @@ impl<'b> Collapse<'b> {
                 };
                 let node = &mut nodes[to];
                 node.children[slot] = Child(child);
+                node.present |= 1 << slot;
                 for axis in 0..3 {
                     node.bounds[axis][0][slot] = aabb.min[axis];
                     node.bounds[axis][1][slot] = aabb.max[axis];

@@ -49,7 +49,7 @@ pub const SLACK: f32 = 1.0 + 6.0 * ULP;
 /// makes a NaN.
 #[inline(always)]
 pub fn inverse_of(d: f32, largest: f32) -> f32 {
-    let least = largest * 1e-18 + 1e-37;
+    let least = largest * 1e-18 + 1e-30;
     1.0 / (if d.abs() > least { d.abs() } else { least }).copysign(d)
 }
 

