@@ -26,7 +26,7 @@ impl ShearedRay {
         let from = [origin.x, origin.y, origin.z, 0.0];
         let along = [direction.x, direction.y, direction.z, 0.0];
         let [x, y, z, _] = along.map(f32::abs);
-        let k = 2 * usize::from((z > x) & (z > y)) | usize::from((y >= x) & (y >= z));
+        let k = if (z > x) & (z > y) { 2 } else { usize::from(y >= x) };
         let [i, j] = [NEXT[k], NEXT[NEXT[k]]];
         let scale = 1.0 / along[k];
         Self {
