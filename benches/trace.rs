@@ -1,141 +1,115 @@
-//! Brute force against the trees, over the number of triangles: what `BRUTE_FORCE_LIMIT` in `src/scene/tracer.rs` is set by.
+//! Ray tracing in millions of rays a second on one thread, over the number of triangles: single rays, and shadow rays that
+//! share an origin. What `BRUTE_FORCE_LIMIT` in `src/scene/tracer/mod.rs` is set by: meshes near it are searched in both ways.
 //!
-//! Times are per ray (closest hit) and per shadow ray; shadow rays come in packets of LANES, few or many from one origin.
+//!     cargo bench --bench trace [MESH ...]
+//!
+//! The best of several passes counts, ways and passes taking turns. `tests/peers/embree_trace.py` holds the same rays against
+//! Embree.
 
 use std::hint::black_box;
-use std::time::Duration;
+use std::time::Instant;
 
-use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{Mat3, Vec3};
-use rand::{Rng, RngExt, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use relight::math::{Frame, LANES, warp};
+use relight::math::LANES;
 use relight::scene::tracer::Segments;
-use relight::scene::{Aabb, Asset, Material, Mesh, Search, Tracer, generate};
+use relight::scene::{Aabb, Asset, Search, Tracer};
 
-/// Rays an iteration.
-const RAYS: usize = 4096;
+#[path = "rays/mod.rs"]
+mod rays;
+use rays::{MESHES, Ray, mesh, of_triangles, triple};
 
-criterion_group! {
-    name = benches;
-    config = Criterion::default()
-        .sample_size(10)
-        .warm_up_time(Duration::from_millis(300))
-        .measurement_time(Duration::from_secs(2));
-    targets = trace
-}
-criterion_main!(benches);
+/// Single rays a pass.
+const RAYS: usize = 50_000;
+const PASSES: usize = 5;
+/// Lights that shadow rays from one origin go to.
+const LIGHTS: [usize; 4] = [1, 16, 128, 1024];
+/// Larger meshes are not tested whole.
+const BOTH_WAYS: usize = 300;
 
-fn trace(c: &mut Criterion) {
-    let mut assets: Vec<Asset> = ["cornell", "interior", "statue"].map(|name| generate(name).unwrap()).into();
-    assets.extend([5, 10, 21, 42].map(boxes));
+fn main() {
+    let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
+    let mut assets: Vec<Asset> = [5, 10, 21].map(boxes).into();
+    assets.extend(MESHES.iter().filter(|name| wanted.is_empty() || wanted.iter().any(|w| w == *name)).map(|n| mesh(n)));
+    assets.retain(|asset| wanted.is_empty() || wanted.contains(&asset.name));
     assets.sort_by_key(|asset| asset.mesh.triangles.len());
+    let lights = LIGHTS.map(|count| format!("{count:>8}")).concat();
+    println!("Mrays/s                           closest occluded   to so many lights:{lights}");
     for asset in &assets {
-        let origins = origins(asset);
-        let lights = lights(asset);
-        for search in [Search::Brute, Search::Tree] {
-            let tracer = Tracer::with_search(asset, search);
-            let id = |what: &str| {
-                BenchmarkId::new(format!("{what}/{search:?}"), format!("{}-{}", asset.mesh.triangles.len(), asset.name))
-            };
-            let mut group = c.benchmark_group("trace");
-            group.throughput(Throughput::Elements(RAYS as u64));
-            group.bench_function(id("closest"), |b| {
-                b.iter(|| {
-                    origins.iter().filter(|(p, _, d)| tracer.closest_hit(*p, *d, f32::INFINITY).is_some()).count()
-                });
-            });
-            for packets in [1, 8] {
-                let mut shadows = tracer.shadow_rays(Some(Aabb::from_points(&lights)));
-                group.bench_function(id(&format!("shadow-{packets}")), |b| {
-                    b.iter(|| {
-                        let mut open = 0;
-                        for (k, (p, _, _)) in origins.iter().take(RAYS / (packets * LANES)).enumerate() {
-                            shadows.start_from(*p);
-                            for packet in 0..packets {
-                                let segments = towards(*p, &lights, (k + packet) * LANES);
-                                open += shadows.unoccluded(black_box(&segments), (1 << LANES) - 1).count_ones();
-                            }
-                        }
-                        open
-                    });
-                });
+        let rays = rays::rays(asset, RAYS, 1);
+        let count = asset.mesh.triangles.len();
+        let ways: &[Search] = if count > BOTH_WAYS { &[Search::Tree] } else { &[Search::Brute, Search::Tree] };
+        let tracers: Vec<Tracer> = ways.iter().map(|&search| Tracer::with_search(asset, search)).collect();
+        // Of each way the best rates: closest, occluded, and to LIGHTS.
+        let mut best = vec![[0f64; 2 + LIGHTS.len()]; ways.len()];
+        for _ in 0..PASSES {
+            for (tracer, best) in tracers.iter().zip(&mut best) {
+                best.iter_mut().enumerate().for_each(|(what, best)| *best = best.max(rate(tracer, &rays, what)));
             }
         }
-    }
-}
-
-/// LANES segments from `p` to as many lights, from the `first` on.
-fn towards(p: Vec3, lights: &[Vec3], first: usize) -> Segments {
-    let mut segments = [[0.0; LANES]; 3];
-    for lane in 0..LANES {
-        let to_light = lights[(first + lane) % lights.len()] - p;
-        for axis in 0..3 {
-            segments[axis][lane] = to_light[axis];
+        for (way, [closest, occluded, shadows @ ..]) in ways.iter().zip(best) {
+            let shadows = shadows.map(|rate| format!("{rate:>8.2}")).concat();
+            let name = format!("{} ({way:?})", asset.name);
+            println!("{count:>8} triangles, {name:<16}{closest:>6.2} {occluded:>8.2}                     {shadows}");
         }
     }
-    segments
 }
 
-/// Points just off the surface, uniform by area, each with its normal and a cosine-distributed direction.
-fn origins(asset: &Asset) -> Vec<(Vec3, Vec3, Vec3)> {
-    let mut rng = Pcg64Mcg::seed_from_u64(1);
-    let mesh = &asset.mesh;
-    let mut area = 0.0;
-    let areas = (0..mesh.triangles.len()).map(|t| {
-        area += mesh.triangle_cross(t).length();
-        area
-    });
-    let cumulative: Vec<f32> = areas.collect();
-    let offset = mesh.bounds().diagonal() * 1e-5;
-    (0..RAYS)
-        .map(|_| {
-            let u = rng.random::<f32>() * cumulative[cumulative.len() - 1];
-            let triangle = cumulative.partition_point(|&sum| sum <= u).min(cumulative.len() - 1);
-            let b = warp::sample_uniform_triangle(pair(&mut rng));
-            let [p0, p1, p2] = mesh.triangle_positions(triangle);
-            let normal = mesh.triangle_cross(triangle).normalize();
-            let direction = Frame::from_normal(normal).world_from_local(warp::sample_cosine_hemisphere(pair(&mut rng)));
-            (p0 * (1.0 - b.x - b.y) + p1 * b.x + p2 * b.y + normal * offset, normal, direction)
-        })
-        .collect()
+/// Millions of rays a second.
+fn rate(tracer: &Tracer, rays: &[Ray], what: usize) -> f64 {
+    let start = Instant::now();
+    let cast = match what {
+        0 => {
+            black_box(
+                rays.iter().filter(|r| tracer.closest_hit(r.origin, r.direction, f32::INFINITY).is_some()).count(),
+            );
+            rays.len()
+        }
+        1 => {
+            black_box(rays.iter().filter(|r| tracer.occluded(r.origin, r.segment)).count());
+            rays.len()
+        }
+        what => shadows(tracer, rays, LIGHTS[what - 2]),
+    };
+    cast as f64 / start.elapsed().as_secs_f64() / 1e6
 }
 
-/// 128 points in the asset's bounds.
-fn lights(asset: &Asset) -> Vec<Vec3> {
-    let mut rng = Pcg64Mcg::seed_from_u64(2);
-    let bounds = asset.mesh.bounds();
-    (0..128).map(|_| bounds.min + (bounds.max - bounds.min) * triple(&mut rng)).collect()
+/// Shadow rays from the rays' origins to `count` points, which are the other rays' ends; how many were cast.
+fn shadows(tracer: &Tracer, rays: &[Ray], count: usize) -> usize {
+    let ends: Vec<Vec3> = rays.iter().take(count.max(LANES)).map(|r| r.origin + r.segment).collect();
+    let mut shadows = tracer.shadow_rays(Some(Aabb::from_points(&ends)));
+    // A single light stands in the packet's first lane.
+    let active = if count < LANES { (1 << count) - 1 } else { (1 << LANES) - 1 };
+    let origins = rays.iter().take((RAYS / count).max(50)).map(|r| r.origin);
+    let packets = count.div_ceil(LANES);
+    let mut cast = 0;
+    for origin in origins {
+        shadows.start_from(origin);
+        for packet in ends.as_chunks::<LANES>().0.iter().take(packets) {
+            let segments: Segments = [0, 1, 2].map(|axis| packet.map(|end| (end - origin)[axis]));
+            black_box(shadows.unoccluded(&segments, active));
+            cast += active.count_ones() as usize;
+        }
+    }
+    cast
 }
 
 /// `count` boxes, turned at random in the unit cube: 12 triangles each.
 fn boxes(count: usize) -> Asset {
     let mut rng = Pcg64Mcg::seed_from_u64(3);
-    let mut mesh = Mesh::default();
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for _ in 0..count {
         let turn = Mat3::from_rotation_y(rng.random::<f32>()) * Mat3::from_rotation_x(rng.random::<f32>());
         let (centre, half) = (triple(&mut rng), (triple(&mut rng) + 0.2) * 0.1);
         for (normal, u) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
             for n in [normal, -normal] {
                 let v = n.cross(u);
-                let first = mesh.positions.len() as u32;
-                for corner in [n - u - v, n + u - v, n + u + v, n - u + v] {
-                    mesh.positions.push(turn * (corner * half) + centre);
-                    mesh.normals.push(turn * n);
-                }
-                mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
-                mesh.triangle_materials.extend([0, 0]);
+                let first = positions.len() as u32;
+                positions.extend([n - u - v, n + u - v, n + u + v, n - u + v].map(|c| turn * (c * half) + centre));
+                triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
             }
         }
     }
-    let materials = vec![Material::lambert("grey", Vec3::splat(0.5))];
-    Asset { name: "boxes".into(), mesh, materials, textures: vec![], lights: vec![], cameras: vec![], warnings: vec![] }
-}
-
-fn pair(rng: &mut impl Rng) -> glam::Vec2 {
-    glam::Vec2::new(rng.random(), rng.random())
-}
-
-fn triple(rng: &mut impl Rng) -> Vec3 {
-    Vec3::new(rng.random(), rng.random(), rng.random())
+    of_triangles("boxes", positions, triangles)
 }

@@ -1,0 +1,242 @@
+//! The tree against the whole-mesh test, and both against what is known.
+
+use glam::{Mat3, Vec3};
+
+use super::{SEGMENT_END, Search, Segments, Tracer};
+use crate::math::{LANES, Sampler, warp};
+use crate::scene::{Asset, Material, Mesh};
+
+fn asset(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Asset {
+    let mesh = Mesh {
+        normals: vec![Vec3::Y; positions.len()],
+        triangle_materials: vec![0; triangles.len()],
+        positions,
+        triangles,
+        ..Mesh::default()
+    };
+    let materials = vec![Material::lambert("grey", Vec3::splat(0.5))];
+    Asset { name: "test".into(), mesh, materials, textures: vec![], lights: vec![], cameras: vec![], warnings: vec![] }
+}
+
+/// Points, directions and numbers, one after the other.
+struct Random(Sampler);
+
+impl Random {
+    fn new(seed: u64) -> Self {
+        Self(Sampler::new(seed, 0, 0))
+    }
+
+    fn four(&mut self) -> [f32; 4] {
+        self.0.next_4d()
+    }
+
+    /// In [−1, 1]³.
+    fn point(&mut self) -> Vec3 {
+        let [x, y, z, _] = self.four();
+        Vec3::new(x, y, z) * 2.0 - 1.0
+    }
+}
+
+/// Triangles of all sorts in [−1, 1]³: large, tiny, slivers, without area, in the planes of the axes, twice the same, and a
+/// grid of boxes, whose faces share planes and edges.
+fn soup(random: &mut Random, count: usize) -> Vec<[Vec3; 3]> {
+    let mut triangles: Vec<[Vec3; 3]> = Vec::new();
+    while triangles.len() < count {
+        let (at, [kind, size, ..]) = (random.point(), random.four());
+        let edge = |random: &mut Random, size: f32| random.point() * size;
+        let (e, f) = (edge(random, size * 0.5), edge(random, size * 0.5));
+        triangles.push(match (kind * 12.0) as u32 {
+            0 if size < 0.3 => [at, random.point(), random.point()],
+            1 => [at, at + e * 1e-4, at + f * 1e-4],
+            2 => [at, at + e, at + e * 0.5 + f * 1e-5],
+            3 => [at, at + e, at + e],
+            4 => [at, at + e * Vec3::new(1.0, 0.0, 1.0), at + f * Vec3::new(1.0, 0.0, 1.0)],
+            5 if !triangles.is_empty() => triangles[triangles.len() / 2],
+            _ => [at, at + e * 0.2, at + f * 0.2],
+        });
+    }
+    triangles
+}
+
+/// A rounded position of a lattice, for what happens on edges and in planes.
+fn snapped(p: Vec3) -> Vec3 {
+    (p * 4.0).round() / 4.0
+}
+
+/// Rays of all sorts: from anywhere, from far away, along axes, towards and from corners, in the planes of boxes.
+fn ray(random: &mut Random, triangles: &[[Vec3; 3]], scale: f32, shift: Vec3) -> (Vec3, Vec3) {
+    let [kind, which, corner, _] = random.four();
+    let vertex = triangles[(which * triangles.len() as f32) as usize % triangles.len()][(corner * 3.0) as usize % 3];
+    let (p, q) = (random.point() * scale + shift, random.point() * scale + shift);
+    let snapped = |p: Vec3| snapped((p - shift) / scale) * scale + shift;
+    match (kind * 8.0) as u32 {
+        0 => (p + (p - q) * 30.0, (q - p) * 31.0),
+        1 => (p, Vec3::AXES[(which * 3.0) as usize % 3] * (corner - 0.5)),
+        2 => (snapped(p), Vec3::AXES[(which * 3.0) as usize % 3]),
+        3 => (snapped(p), snapped(q) - snapped(p)),
+        4 => (p, vertex - p),
+        5 => (vertex, p - vertex),
+        _ => (p, q - p),
+    }
+}
+
+/// The hits are the same to the bit, whatever the size of the scene; where there is none, both say so.
+#[test]
+fn the_tree_finds_what_the_whole_mesh_test_finds() {
+    for (seed, scale, shift) in [(1, 1.0, 0.0), (2, 1e-6, 0.0), (3, 1e6, 0.0), (4, 1.0, 300.0)] {
+        let mut random = Random::new(seed);
+        let mut triangles = soup(&mut random, 250);
+        triangles.extend(boxes(2));
+        triangles.iter_mut().flatten().for_each(|v| *v = *v * scale + Vec3::splat(shift));
+        let indices = (0..triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let asset = asset(triangles.concat(), indices);
+        let [brute, tree] = [Search::Brute, Search::Tree].map(|search| Tracer::with_search(&asset, search));
+        let (mut hits, mut hidden) = (0, 0);
+        const RAYS: usize = 60_000;
+        for _ in 0..RAYS {
+            let (origin, direction) = ray(&mut random, &triangles, scale, Vec3::splat(shift));
+            let hit = brute.closest_hit(origin, direction, f32::INFINITY);
+            assert_eq!(tree.closest_hit(origin, direction, f32::INFINITY), hit, "{scale}: {origin} {direction}");
+            let occluded = brute.occluded(origin, direction);
+            assert_eq!(tree.occluded(origin, direction), occluded, "{scale}: {origin} {direction}");
+            // Control: occlusion is a hit before the segment's end.
+            assert_eq!(brute.closest_hit(origin, direction, SEGMENT_END).is_some(), occluded);
+            hits += usize::from(hit.is_some());
+            hidden += usize::from(occluded);
+        }
+        assert!(hits > RAYS / 4 && hits < RAYS, "{scale}: {hits} rays hit");
+        assert!(hidden > RAYS / 20 && hidden < RAYS * 19 / 20, "{scale}: {hidden} segments hidden");
+    }
+}
+
+/// `side`³ boxes that touch, on a lattice in [−1, 1]³.
+fn boxes(side: usize) -> Vec<[Vec3; 3]> {
+    let mut triangles = Vec::new();
+    let cell = 2.0 / side as f32;
+    for (i, j, k) in (0..side).flat_map(|i| (0..side).flat_map(move |j| (0..side).map(move |k| (i, j, k)))) {
+        if (i + j + k) % 2 == 0 {
+            let low = Vec3::new(i as f32, j as f32, k as f32) * cell - 1.0;
+            for axis in 0..3 {
+                let [n, u, v] =
+                    [Vec3::AXES[axis], Vec3::AXES[(axis + 1) % 3], Vec3::AXES[(axis + 2) % 3]].map(|a| a * cell);
+                for at in [low, low + n] {
+                    triangles.extend([[at, at + u, at + u + v], [at, at + u + v, at + v]]);
+                }
+            }
+        }
+    }
+    triangles
+}
+
+/// From one origin, packets see the same through the tree as through the whole mesh, whole packets and parts.
+#[test]
+fn packets_see_the_same_through_the_tree() {
+    let mut random = Random::new(7);
+    // Fans round in another way: only where no triangle is next to nothing do they agree to the bit.
+    let plain = |random: &mut Random| {
+        let at = random.point();
+        [at, at + random.point() * 0.3, at + random.point() * 0.3]
+    };
+    let mut triangles: Vec<[Vec3; 3]> = (0..150).map(|_| plain(&mut random)).collect();
+    triangles.extend(boxes(3));
+    let indices = (0..triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    let asset = asset(triangles.concat(), indices);
+    let [brute, tree] = [Search::Brute, Search::Tree].map(|search| Tracer::with_search(&asset, search));
+    let bounds = asset.mesh.bounds();
+    let targets = super::Aabb { min: bounds.min * 2.0, max: bounds.max * 2.0 };
+    let (mut all, mut near) = (brute.shadow_rays(None), brute.shadow_rays(Some(targets)));
+    let mut through = tree.shadow_rays(None);
+    let mut open = 0;
+    const ORIGINS: usize = 4_000;
+    for _ in 0..ORIGINS {
+        let origin = random.point();
+        [&mut all, &mut near, &mut through].into_iter().for_each(|shadows| shadows.start_from(origin));
+        let ends: [Vec3; LANES] = std::array::from_fn(|_| random.point() * 1.9);
+        let segments: Segments = [0, 1, 2].map(|axis| ends.map(|end| (end - origin)[axis]));
+        let one_by_one =
+            (0..LANES).filter(|&i| !tree.occluded(origin, ends[i] - origin)).fold(0, |mask, i| mask | 1 << i);
+        for active in [0x0100, 0xffff, 0x0ff0, 0x8003] {
+            let expected = all.unoccluded(&segments, active);
+            assert_eq!(through.unoccluded(&segments, active), expected, "from {origin}");
+            assert_eq!(expected, one_by_one & active, "from {origin}, one by one");
+            assert_eq!(near.unoccluded(&segments, active), expected, "from {origin}, fewer triangles");
+            open += expected.count_ones() as usize;
+        }
+    }
+    let cast = ORIGINS * (1 + 16 + 8 + 3);
+    assert!(open > cast / 20 && open < cast * 19 / 20, "{open} of {cast} are open");
+}
+
+/// From inside a closed surface every ray hits, also through its vertices and edges; through a surface with a triangle missing
+/// some do not.
+#[test]
+fn no_ray_slips_between_triangles() {
+    let turn = Mat3::from_rotation_y(0.7) * Mat3::from_rotation_x(0.4);
+    const ROWS: u32 = 24;
+    let at = |row: u32, column: u32| {
+        let (theta, phi) =
+            (std::f32::consts::PI * row as f32 / ROWS as f32, std::f32::consts::TAU * column as f32 / 32.0);
+        turn * Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin())
+    };
+    // The rows' last vertices are their first, and the poles are one vertex each.
+    let vertex = |row: u32, column: u32| match row {
+        0 => 0,
+        ROWS => 1,
+        row => 2 + (row - 1) * 32 + column % 32,
+    };
+    let mut positions = vec![at(0, 0), at(ROWS, 0)];
+    (1..ROWS).for_each(|row| positions.extend((0..32).map(|column| at(row, column))));
+    let mut triangles = Vec::new();
+    for (row, column) in (0..ROWS).flat_map(|row| (0..32).map(move |column| (row, column))) {
+        let [a, b] = [vertex(row, column), vertex(row, column + 1)];
+        let [c, d] = [vertex(row + 1, column), vertex(row + 1, column + 1)];
+        triangles.extend([[a, b, d], [a, d, c]].into_iter().filter(|t| t[0] != t[1] && t[1] != t[2]));
+    }
+    let missed = |asset: &Asset, search: Search| {
+        let tracer = Tracer::with_search(asset, search);
+        let mut shadows = tracer.shadow_rays(None);
+        let mut random = Random::new(11);
+        let mut missed = [0; 2];
+        for i in 0..6_000 {
+            let origin = random.point() * 0.5;
+            let [which, weight, u, v] = random.four();
+            let [a, b, _] = asset.mesh.triangle_positions((which * asset.mesh.triangles.len() as f32) as usize);
+            let direction = match i % 3 {
+                0 => a - origin,
+                1 => a.lerp(b, weight) - origin,
+                _ => warp::sample_uniform_sphere(glam::Vec2::new(u, v)),
+            };
+            missed[0] += usize::from(tracer.closest_hit(origin, direction, f32::INFINITY).is_none());
+            // Fans do not promise to close at vertices.
+            if i % 3 == 0 && search == Search::Brute {
+                continue;
+            }
+            shadows.start_from(origin);
+            let segments: Segments = [0, 1, 2].map(|axis| [direction[axis] * 9.0; LANES]);
+            missed[1] += shadows.unoccluded(&segments, 0xffff).count_ones() as usize;
+        }
+        missed
+    };
+    for search in [Search::Brute, Search::Tree] {
+        let closed = asset(positions.clone(), triangles.clone());
+        assert_eq!(missed(&closed, search), [0, 0], "{search:?}");
+        let open = asset(positions.clone(), triangles[1..].to_vec());
+        assert!(missed(&open, search).iter().all(|&count| count > 0), "{search:?}: the control is closed, too");
+    }
+}
+
+/// Nothing to hit is no hit, and no panic.
+#[test]
+fn meshes_of_nothing_are_never_hit() {
+    let point = asset(vec![Vec3::ONE; 3], vec![[0, 1, 2]; 100]);
+    for asset in [asset(vec![], vec![]), point] {
+        for search in [Search::Brute, Search::Tree] {
+            let tracer = Tracer::with_search(&asset, search);
+            assert_eq!(tracer.closest_hit(Vec3::ZERO, Vec3::ONE, f32::INFINITY), None);
+            assert!(!tracer.occluded(Vec3::ZERO, Vec3::ONE * 2.0));
+            let mut shadows = tracer.shadow_rays(None);
+            shadows.start_from(Vec3::ZERO);
+            assert_eq!(shadows.unoccluded(&[[2.0; LANES]; 3], 0xffff), 0xffff);
+        }
+    }
+}
