@@ -6,6 +6,10 @@ pub trait Progress: Sync {
     fn begin(&self, what: &str, total: u64, unit: &str);
     /// `count` more units of the present stage are done.
     fn advance(&self, count: u64);
+    /// Each unit of the present stage stands for `count` `things` ("paths"), in which its speed is told.
+    fn made_of(&self, _count: u64, _things: &'static str) {}
+    /// The noise of what is done of the present stage, relative.
+    fn noise(&self, _relative: f64) {}
     /// The present stage is over.
     fn end(&self);
     /// One line that the user should read, such as a choice made and its reason.

@@ -129,7 +129,7 @@ fn a_folder_holds_what_memory_holds_to_its_stated_rounding() {
 struct Work(tempfile::TempDir);
 
 /// A toy whose bake takes about a second.
-const TOY: &str = "train --size 64 --conditions 24 --held-out 8 --paths 256 --points 16 --basis 4";
+const TOY: &str = "train --size 64 --integrator path --conditions 24 --held-out 8 --paths 256 --points 16 --basis 4";
 
 impl Work {
     fn new() -> Self {

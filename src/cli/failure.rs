@@ -31,11 +31,11 @@ impl Failure {
     pub fn report(&self, reporter: &Reporter) -> ExitCode {
         match self {
             Failure::Input(line) => {
-                eprintln!("error: {line}");
+                reporter.print(&format!("error: {line}"));
                 ExitCode::from(2)
             }
             Failure::Work(line) => {
-                eprintln!("error: {line}");
+                reporter.print(&format!("error: {line}"));
                 ExitCode::from(1)
             }
             Failure::Stopped => {

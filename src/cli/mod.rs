@@ -38,6 +38,9 @@ struct Arguments {
     /// Write the figures to FILE as JSON
     #[arg(long, global = true, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Write progress and notes to FILE, too
+    #[arg(long, global = true, value_name = "FILE")]
+    log: Option<PathBuf>,
 }
 
 #[derive(Subcommand)]
@@ -53,7 +56,15 @@ enum Command {
 /// stopped, 2: the input or the arguments are wrong.
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
-    let reporter = Reporter::new();
+    let log = match arguments.log.as_ref().map(|path| (path, std::fs::File::create(path))) {
+        Some((path, Err(error))) => {
+            let failure = Failure::Work(format!("{}: cannot be written: {error}", path.display()));
+            return failure.report(&Reporter::new(None));
+        }
+        Some((_, Ok(file))) => Some(file),
+        None => None,
+    };
+    let reporter = Reporter::new(log);
     return_freed_memory();
     if let Some(threads) = arguments.threads
         && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global()

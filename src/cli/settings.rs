@@ -7,6 +7,7 @@ use crate::model::Channels;
 use crate::scene::UvPolicy;
 use crate::scene_file::{MaterialPolicy, SceneFile};
 use crate::transfer::Method;
+use crate::transport::Integrator;
 
 /// Overrides of the scene file.
 #[derive(Args, Clone, Debug, Default)]
@@ -27,6 +28,9 @@ pub struct Overrides {
     /// Paths per texel, shared by all conditions
     #[arg(long)]
     pub paths: Option<u32>,
+    /// How light is carried
+    #[arg(long)]
+    pub integrator: Option<Integrator>,
     /// Reflections after which a path ends
     #[arg(long)]
     pub max_bounces: Option<u32>,
@@ -71,6 +75,7 @@ impl Overrides {
         set(&mut scene.bake.conditions, &self.conditions);
         set(&mut scene.bake.held_out, &self.held_out);
         set(&mut scene.bake.paths, &self.paths);
+        set(&mut scene.bake.integrator, &self.integrator);
         set(&mut scene.bake.max_bounces, &self.max_bounces);
         set(&mut scene.bake.seed, &self.seed);
         set(&mut scene.points.count, &self.points);

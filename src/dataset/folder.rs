@@ -255,6 +255,7 @@ impl Store {
             }
             let baker = Baker::new(job.tracer, job.lightmap, &conditions, job.settings, progress)?;
             progress.begin("bake", texels(&missing), "texels");
+            progress.made_of(job.settings.paths as u64, "paths");
             let part_of = self.manifest.part_of(batch);
             let baked: Result<(), DatasetError> = missing.iter().try_for_each(|&tile| {
                 checked[tile] = Some(self.bake_tile(batch, tile, &part_of, &baker, progress)?);

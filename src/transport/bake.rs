@@ -1,6 +1,7 @@
 //! The bake: indirect irradiance of every lightmap texel under every lighting condition (the matrix I; METHOD eq. 3).
 
 use std::ops::Range;
+use std::sync::Mutex;
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -184,6 +185,7 @@ impl<'t, 'a> Baker<'t, 'a> {
         let walk =
             Walk { tracer: self.tracer, emitters: self.emitters.as_ref(), max_bounces: self.settings.max_bounces };
         let mut indirect = vec![0f32; range.len() * row];
+        let so_far = NoiseSoFar::default();
         let shares: Vec<(NoiseSums, u64)> = indirect
             .par_chunks_mut((CHUNK * row).max(1))
             .enumerate()
@@ -208,6 +210,7 @@ impl<'t, 'a> Baker<'t, 'a> {
                         noise.add(out, first_half, paths as u32, self.lightmap.texels[texel].area);
                         progress.advance(1);
                     }
+                    so_far.add(&noise, progress);
                     (noise, gatherer.rays() - rays_before)
                 },
             )
@@ -221,6 +224,7 @@ impl<'t, 'a> Baker<'t, 'a> {
         let walk =
             Walk { tracer: self.tracer, emitters: self.emitters.as_ref(), max_bounces: self.settings.max_bounces };
         let mut indirect = vec![0f32; range.len() * row];
+        let so_far = NoiseSoFar::default();
         // Each chunk's share of the noise is kept apart and summed in order, so that rounding does not depend on the threads.
         let shares: Vec<(NoiseSums, u64)> = indirect
             .par_chunks_mut((CHUNK * row).max(1))
@@ -250,6 +254,7 @@ impl<'t, 'a> Baker<'t, 'a> {
                         noise.add(out, first_half, paths, self.lightmap.texels[texel].area);
                         progress.advance(1);
                     }
+                    so_far.add(&noise, progress);
                     (noise, sums.rays() - rays_before)
                 },
             )
@@ -288,6 +293,7 @@ pub fn bake(
     let mut indirect = Vec::with_capacity(texels * 3 * conditions.len());
     let (mut noise, mut rays) = (NoiseSums::new(conditions.len()), baker.rays());
     progress.begin("bake", texels as u64, "texels");
+    progress.made_of(settings.paths as u64, "paths");
     for start in (0..texels).step_by(TILE) {
         let baked = baker.texels(start..(start + TILE).min(texels), progress);
         if baked.is_err() {
@@ -358,6 +364,21 @@ impl<'a> Receivers<'a> {
     fn at(&self, u: [f32; 2]) -> Surface {
         let point = self.points.sample(u);
         self.asset.surface(point.triangle as usize, point.u, point.v, Vec3::ZERO)
+    }
+}
+
+/// The noise of the texels that are done, for the one who waits: of all conditions together, in the order in which threads end.
+#[derive(Default)]
+struct NoiseSoFar(Mutex<(f64, f64)>);
+
+impl NoiseSoFar {
+    fn add(&self, noise: &NoiseSums, progress: &dyn Progress) {
+        let mut sums = self.0.lock().unwrap_or_else(|e| e.into_inner());
+        sums.0 += noise.squared_noise.iter().sum::<f64>();
+        sums.1 += noise.squared_signal.iter().sum::<f64>();
+        if sums.1 > 0.0 {
+            progress.noise((sums.0 / sums.1).sqrt());
+        }
     }
 }
 
