@@ -65,6 +65,9 @@ pub fn slack() -> u64 {
     (8 << 20) + ((rayon::current_num_threads() as u64) << 20)
 }
 
+/// Part of the slack that a batch is begun with and need not be there when it goes on.
+const RUNS_DIFFER: u64 = 2 << 20;
+
 fn batch_folder(folder: &Path, batch: usize) -> PathBuf {
     folder.join(format!("batch-{batch:03}"))
 }
@@ -87,13 +90,13 @@ impl Job<'_, '_> {
         (baked + halves + direct) as u64
     }
 
-    /// The most conditions that a batch may have.
-    fn most_conditions(&self, conditions: &[LightingCondition]) -> Result<usize, DatasetError> {
+    /// The most conditions that a batch may have, where `unforeseen` bytes may be needed beyond what is counted.
+    fn most_conditions(&self, conditions: &[LightingCondition], unforeseen: u64) -> Result<usize, DatasetError> {
         let each = self.bytes_per_condition(conditions);
         // D of all conditions, and their lights, stay.
         let direct = self.points.points.len() * 3 * 4 * conditions.len() + conditions.len() * 1024;
         let fixed = self.settings.bytes_fixed(self.lightmap.texels.len());
-        let taken = Bytes::resident().0 + slack() + (direct + fixed) as u64;
+        let taken = Bytes::resident().0 + unforeseen + (direct + fixed) as u64;
         let most = self.memory.0.saturating_sub(taken) / each;
         if most == 0 {
             return Err(DatasetError::Memory {
@@ -124,8 +127,9 @@ impl Dataset {
         let texels = job.lightmap.texels.len();
         let wanted = Manifest::new(job.identity.clone(), texels, job.points.points.len());
         let mut store = Store::open(folder, wanted, job)?;
-        let most = job.most_conditions(&conditions)?;
-        store.add(&conditions, training, most)?;
+        store.add(&conditions, training, job.most_conditions(&conditions, slack())?)?;
+        // Resident memory differs a little from run to run: batches that one began, the next can go on with.
+        let most = job.most_conditions(&conditions, slack() - RUNS_DIFFER)?;
 
         let places = store.manifest.places();
         let n = conditions.len();
