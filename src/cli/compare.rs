@@ -91,7 +91,7 @@ pub fn compare(
         scenarios,
     };
     let report = inputs.assemble(reporter)?;
-    let figures = json!({ "rows": report.page.rows });
+    let figures = json!({ "rows": report.page.rows, "bake": { "bias": report.bias } });
     super::write_file(&folder.join("report.html"), report.page.to_html().as_bytes())?;
     super::write_file(&folder.join("comparison.json"), format!("{figures:#}\n").as_bytes())?;
     for (name, text) in &report.tables {
@@ -99,6 +99,10 @@ pub fn compare(
     }
     for (name, png) in &report.images {
         super::write_file(&folder.join("images").join(name), png)?;
+    }
+    if let Some(bias) = report.bias {
+        let (relative, at_most) = (100.0 * bias.relative, 100.0 * bias.at_most);
+        println!("bias of the gather integrator against path tracing: {relative:.2} %, at most {at_most:.2} %");
     }
     print_table(&report.page.rows);
     println!("wrote {} and {} images beside it", folder.join("report.html").display(), report.images.len());

@@ -16,7 +16,7 @@ use crate::prt::{PrtError, PrtSettings, ShPrt, bake_texels, bake_vertices, light
 use crate::scene::{Finish, Lightmap, Tracer};
 use crate::transfer::{Fit, Gram, HeldOutErrors, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings, TransferError};
 use crate::transport::reference::{Reference, ReferenceError, ReferenceSettings};
-use crate::transport::{BakeError, BakeSettings, bake_direct};
+use crate::transport::{BakeError, BakeSettings, Bias, bake_direct};
 
 /// The largest order of spherical harmonics that is compared.
 const ORDER: usize = 6;
@@ -87,6 +87,8 @@ pub struct Inputs<'a> {
 /// A report, ready to be written.
 pub struct Report {
     pub page: Page,
+    /// Of the bake, where it gathers.
+    pub bias: Option<Bias>,
     /// File name and PNG bytes.
     pub images: Vec<(String, Vec<u8>)>,
     /// File name and text.
@@ -128,6 +130,8 @@ impl Inputs<'_> {
         }
 
         let own = &self.scenarios[0];
+        let held_out = &own.dataset.conditions[own.dataset.held_out()];
+        let bias = Bias::measure(self.tracer, self.lightmap, held_out, &self.bake, progress)?;
         let mut plates = self.relit(own, &vertices, &texels, centre, progress)?;
         plates.push(self.points()?);
         plates.push(self.basis(own.dataset, progress)?);
@@ -145,12 +149,12 @@ impl Inputs<'_> {
         ];
         let page = Page {
             title: format!("{}: direct-to-indirect transfer", self.model.asset.name),
-            facts: self.facts(own),
+            facts: self.facts(own, bias),
             rows,
             plots,
             plates,
         };
-        Ok(Report { page, images, tables })
+        Ok(Report { page, bias, images, tables })
     }
 
     /// How many held-out lightmaps, direct and indirect, may be in memory together.
@@ -161,7 +165,7 @@ impl Inputs<'_> {
         (self.memory.0.saturating_sub(taken) / (2 * lightmap).max(1)).max(1) as usize
     }
 
-    fn facts(&self, own: &Scenery) -> Vec<(String, String)> {
+    fn facts(&self, own: &Scenery, bias: Option<Bias>) -> Vec<(String, String)> {
         let record = &self.model.record;
         let fact = |name: &str, value: String| (name.to_owned(), value);
         vec![
@@ -178,6 +182,13 @@ impl Inputs<'_> {
             fact("conditions", format!("{} to train, {} held out", own.dataset.training, own.dataset.held_out().len())),
             fact("paths per texel", self.bake.paths.to_string()),
             fact("noise of the bake", format!("{:.1} % (part of every error below)", 100.0 * record.held_out.noise)),
+            fact(
+                "integrator",
+                bias.map_or("path".into(), |b| {
+                    let (relative, at_most) = (100.0 * b.relative, 100.0 * b.at_most);
+                    format!("gather; bias against path tracing {relative:.2} %, at most {at_most:.2} %")
+                }),
+            ),
             fact("seed", self.bake.seed.to_string()),
         ]
     }
