@@ -10,6 +10,7 @@ of an hour) and bakes all conditions at once. The others bake one condition at a
   own noise (in squares); the mean over conditions.
 - The others bake a sample of the conditions, evenly spread, with as many samples as bring them to the error that relight
   has on these very conditions; their time is reckoned from there to all conditions, and by 1/error² to exactly equal error.
+- relight's path tracer with one condition at a time: four conditions with a quarter of the paths, times in proportion.
 - Times are of baking alone: without loading, compilation of kernels, and files. "CPU" is processor time of all threads, which
   other work on the machine disturbs less. relight's are the least of several runs.
 - Cycles takes a texel's middle for the whole of it: it is held against the texels that are wholly covered.
@@ -40,6 +41,8 @@ ERRORS = (0.15, 0.05)
 MOST_LEVEL = 0.01
 # A texel counts as wholly covered from here on.
 COVERED = 0.999
+# relight's own path tracer bakes so many conditions one by one, with this fraction of the paths.
+ALONE, PART = 4, 4
 
 
 class Run:
@@ -102,7 +105,7 @@ def samples_for(target, pilot, error):
 def reach(target, bake, samples):
     """The bake with about the fewest samples that stays under `target`."""
     best = None
-    for _ in range(6):
+    for _ in range(5):
         run = bake(samples)
         if run.error() <= target and (best is None or samples < best.samples):
             best = run
@@ -116,42 +119,50 @@ def reach(target, bake, samples):
     return best
 
 
-def row(name, run, error, seconds, cpu_seconds, ours):
+def row(name, run, ours, scale=1):
+    """Prints a line of the table, times multiplied by `scale`; returns whether the level is off."""
+    seconds, cpu_seconds, level = run.seconds * scale, run.cpu_seconds * scale, run.levels.mean() - 1
     ratios = f"{seconds / ours.seconds:8,.0f} x {cpu_seconds / ours.cpu_seconds:8,.0f} x"
-    level = f"{run.levels.mean() - 1:+.2%}"
-    print(f"{name:34} {run.samples:6} {error:7.4f} {level:>7} {seconds:10.3f} {cpu_seconds:10.3f} {ratios}", flush=True)
-    return abs(run.levels.mean() - 1) > MOST_LEVEL
+    times = f"{seconds:10.3f} {cpu_seconds:10.3f}"
+    print(f"{name:34} {run.samples:6} {run.error():7.4f} {level:>+7.2%} {times} {ratios}", flush=True)
+    return abs(level) > MOST_LEVEL
 
 
-def at_equal_error(name, run, target, ours):
-    scale = (run.error() / target) ** 2
-    return row(name, run, run.error(), run.seconds * scale, run.cpu_seconds * scale, ours)
+def at_equal_error(name, run, ours, target):
+    return row(name, run, ours, (run.error() / target) ** 2)
 
 
 def compare(comparison, peers):
-    """The table; returns how many levels are off."""
-    failures = 0
-    sample = comparison.sample
+    """Prints the table; returns the bake that reaches the first error, and how many levels are off."""
+    failures, first, shared = 0, None, None
     print(f"{'':34} {'rays':>6} {'error':>7} {'level':>7} {'seconds':>10} {'CPU':>10} {'ratio':>10} {'CPU':>10}")
     for error in ERRORS:
-        start = 64 if error > 0.1 else 640
-        ours = reach(error, lambda paths: comparison.relight("gather", paths, "--repeats", 3), start)
-        print(f"-- relative RMSE {error}; on the sample, {ours.error(sample):.4f}")
-        failures += row("relight gather, all at once", ours, ours.error(), ours.seconds, ours.cpu_seconds, ours)
-        shared = reach(error, lambda paths: comparison.relight("path", paths, "--repeats", 1), 3 * start)
-        failures += row("relight path, all at once", shared, shared.error(), shared.seconds, shared.cpu_seconds, ours)
-        # A condition's error does not depend on the others: the paths that it needs are known.
-        alone = comparison.relight("path", shared.samples, "--alone", 4, "--repeats", 1)
-        failures += row("relight path, one by one (of 4)", alone, shared.error(), alone.seconds, alone.cpu_seconds, ours)
-        if error != ERRORS[0]:
-            continue
-        for name, python in peers.items():
-            target = ours.error(sample)
-            pilot = comparison.peer(name, python, 32)
-            samples = samples_for(target, pilot.samples, pilot.error())
-            run = comparison.peer(name, python, samples)
-            failures += at_equal_error(f"{name}, one by one (of {len(sample)})", run, target, ours)
-    return failures
+        start = samples_for(error, first.samples, first.error()) if first else 64
+        found = reach(error, lambda paths: comparison.relight("gather", paths, "--repeats", 1), start)
+        ours = comparison.relight("gather", found.samples, "--repeats", 5)
+        print(f"-- relative RMSE {error}; on the sample, {ours.error(comparison.sample):.4f}")
+        failures += row("relight gather, all at once", ours, ours)
+        start = samples_for(error, shared.samples, shared.error()) if shared else 192
+        shared = comparison.relight("path", start, "--repeats", 1)
+        failures += at_equal_error("relight path, all at once", shared, ours, error)
+        # Time is linear in the paths, and a condition's error does not depend on the others.
+        part = max(1, start // PART)
+        alone = comparison.relight("path", part, "--alone", ALONE, "--repeats", 1)
+        seconds, cpu_seconds = (t * start / part for t in (alone.seconds, alone.cpu_seconds))
+        alone = Run(start, shared.errors, alone.levels, seconds, cpu_seconds)
+        failures += at_equal_error(f"relight path, one by one (of {ALONE})", alone, ours, error)
+        if first is None:
+            first = ours
+            failures += sum(against(comparison, name, python, ours) for name, python in peers.items())
+    return first, failures
+
+
+def against(comparison, name, python, ours):
+    """The line of a peer; returns whether its level is off."""
+    target = ours.error(comparison.sample)
+    pilot = comparison.peer(name, python, 32)
+    run = comparison.peer(name, python, samples_for(target, pilot.samples, pilot.error()))
+    return at_equal_error(f"{name}, one by one (of {len(comparison.sample)})", run, ours, target)
 
 
 def scaling(comparison, paths):
@@ -161,7 +172,7 @@ def scaling(comparison, paths):
     for size, conditions, threads in (
         (128, 128, 2), (128, 1024, 2), (128, 128, 1), (128, 1024, 1), (64, 128, 2), (256, 128, 2),
     ):
-        options = ("--size", size, "--conditions", conditions, "--threads", threads, "--repeats", 5)
+        options = ("--size", size, "--conditions", conditions, "--threads", threads, "--repeats", 3)
         run = comparison.relight("gather", paths, *options)
         first = first or run
         ratios = f"{run.seconds / first.seconds:8.2f} x {run.cpu_seconds / first.cpu_seconds:8.2f} x"
@@ -182,8 +193,8 @@ def main():
     peers = {"mitsuba": ROOT / "target/venv/bin/python", "cycles": ROOT / "target/venv-cycles/bin/python"}
     for name in [name for name, python in peers.items() if not python.exists()]:
         print(f"{name} is left out: no {peers.pop(name)}")
-    failures = compare(comparison, peers)
-    scaling(comparison, 64)
+    ours, failures = compare(comparison, peers)
+    scaling(comparison, ours.samples)
     return 1 if failures else 0
 
 
