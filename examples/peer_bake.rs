@@ -3,8 +3,8 @@
 //!     peer_bake scene FOLDER                    writes what they need, and a converged reference
 //!     peer_bake bake FOLDER INTEGRATOR PATHS    times this program's own bake, and holds it against the reference
 //!
-//! FOLDER/scene.json: `size`, `max_bounces`, `conditions` (each a list of lights as relight writes them), `meshes` (one a
-//! material: `positions`, `normals`, `lightmap_uvs`, `triangles`, `reflectance`) and `points_per_texel`. Beside it, f32:
+//! FOLDER/scene.json: `size`, `max_bounces`, `points_per_texel`, `conditions` (each a list of lights as relight writes them)
+//! and `meshes` (one a material: `positions`, `normals`, `lightmap_uvs`, `triangles`, `reflectance`, `emission`). Beside it, f32:
 //!
 //! - texels.f32, `[texel][3]`: index (y · size + x, row 0 at v = 0), area in m², share of the square that is covered
 //! - points.f32, `[texel][point][6]`: position and normal of points uniform by area, as the bake draws them
@@ -141,7 +141,7 @@ impl Scene {
         let triangles: Vec<_> = triangles.filter(|(_, of)| **of as usize == material).map(|(t, _)| *t).collect();
         json!({
             "positions": mesh.positions, "normals": mesh.normals, "lightmap_uvs": mesh.lightmap_uvs,
-            "triangles": triangles, "reflectance": self.asset.materials[material].base_colour.truncate(),
+            "triangles": triangles, "reflectance": self.asset.materials[material].base_colour.truncate(), "emission": Vec3::ZERO,
         })
     }
 
