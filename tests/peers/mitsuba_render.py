@@ -96,6 +96,22 @@ def texture(mesh):
     return {"type": "bitmap", "bitmap": mi.Bitmap(linear.astype(np.float32)), "raw": True}
 
 
+def shapes(description, folder):
+    """The meshes, as entries of a scene; their files go into `folder`."""
+    entries = {}
+    for i, mesh in enumerate(description["meshes"]):
+        path = pathlib.Path(folder) / f"mesh{i}.ply"
+        write_ply(path, mesh)
+        # relight's surfaces reflect on both sides.
+        diffuse = {"type": "diffuse", "reflectance": rgb(mesh["reflectance"])}
+        if "texture" in mesh:
+            diffuse["reflectance"] = texture(mesh)
+        entries[f"mesh{i}"] = {"type": "ply", "filename": str(path), "bsdf": {"type": "twosided", "diffuse": diffuse}}
+        if any(mesh["emission"]):
+            entries[f"mesh{i}"]["emitter"] = {"type": "area", "radiance": rgb(mesh["emission"])}
+    return entries
+
+
 def load(description, folder):
     camera = description["camera"]
     scene = {
@@ -124,16 +140,7 @@ def load(description, folder):
     }
     for i, light in enumerate(description["lights"]):
         scene[f"light{i}"] = emitter(light)
-    for i, mesh in enumerate(description["meshes"]):
-        path = pathlib.Path(folder) / f"mesh{i}.ply"
-        write_ply(path, mesh)
-        # relight's surfaces reflect on both sides.
-        diffuse = {"type": "diffuse", "reflectance": rgb(mesh["reflectance"])}
-        if "texture" in mesh:
-            diffuse["reflectance"] = texture(mesh)
-        scene[f"mesh{i}"] = {"type": "ply", "filename": str(path), "bsdf": {"type": "twosided", "diffuse": diffuse}}
-        if any(mesh["emission"]):
-            scene[f"mesh{i}"]["emitter"] = {"type": "area", "radiance": rgb(mesh["emission"])}
+    scene.update(shapes(description, folder))
     return mi.load_dict(scene)
 
 
