@@ -54,7 +54,7 @@ impl Direct {
                     let mut sampler = Sampler::new(settings.seed ^ DIRECT_STREAM, stream, sample);
                     let [u0, u1, u2, u3] = sampler.next_4d();
                     let receiver = receiver(walk.tracer, &points, [u0, u1]);
-                    sums.add_direct(&walk, &receiver, Vec2::new(u2, u3), &mut sampler);
+                    sums.add_direct(walk, &receiver, Vec2::new(u2, u3), &mut sampler);
                 }
                 let weight = 1.0 / samples as f32;
                 let mut write = |column: usize, irradiance: Rgb| {
