@@ -142,7 +142,7 @@ def compare(comparison, peers):
         ours = comparison.relight("gather", found.samples, "--repeats", 5)
         print(f"-- relative RMSE {error}; on the sample, {ours.error(comparison.sample):.4f}")
         failures += row("relight gather, all at once", ours, ours)
-        start = samples_for(error, shared.samples, shared.error()) if shared else 192
+        start = samples_for(error, shared.samples, shared.error()) if shared else 256
         shared = comparison.relight("path", start, "--repeats", 1)
         failures += at_equal_error("relight path, all at once", shared, ours, error)
         # Time is linear in the paths, and a condition's error does not depend on the others.
