@@ -69,7 +69,7 @@ def main():
     subprocess.run([*example, str(OUT), str(arguments.spp), str(arguments.seeds), *gltf], cwd=ROOT, check=True)
 
     failures = 0
-    for path in sorted(OUT.glob(f"*{arguments.only}*.json")):
+    for path in sorted(p for p in OUT.glob("*.json") if arguments.only in p.stem):
         description = json.loads(path.read_text())
         shape = (arguments.seeds, description["height"], description["width"], 3)
         ours = np.fromfile(path.with_suffix(".f32"), "<f4").reshape(shape)
