@@ -73,8 +73,16 @@ pub fn baked_settings(scene: &SceneFile) -> Identity {
     for (name, value) in rooms {
         flatten(name, &value.expect("settings have text for keys"), &mut settings);
     }
-    settings.remove("bake.conditions");
-    settings.remove("bake.held_out");
+    for without_effect in ["bake.conditions", "bake.held_out", "bake.denoise"] {
+        settings.remove(without_effect);
+    }
+    if scene.scenario.kinds.environment > 0.0 {
+        for path in &scene.scenario.environments {
+            // A file that cannot be read is told where it is read as an image.
+            let hash = std::fs::read(path).map_or_else(|_| String::new(), |b| blake3::hash(&b).to_hex().to_string());
+            settings.insert(format!("scenario.environments: content of {}", path.display()), hash);
+        }
+    }
     settings
 }
 
@@ -85,5 +93,29 @@ fn flatten(name: &str, value: &Value, into: &mut Identity) {
         }
         Value::Null => {}
         other => _ = into.insert(name.to_owned(), other.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn another_image_in_an_environments_file_is_another_dataset() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.hdr");
+        let mut scene = SceneFile::cornell();
+        scene.scenario.kinds.environment = 1.0;
+        scene.scenario.environments = vec![path.clone()];
+        let with = |content: &str| {
+            std::fs::write(&path, content).unwrap();
+            baked_settings(&scene)
+        };
+        assert_eq!(with("one"), with("one"));
+        assert_ne!(with("one"), with("two"));
+        // What changes no bit of the bake changes nothing.
+        let mut more = scene.clone();
+        (more.bake.conditions, more.bake.denoise) = (7, Some(false));
+        assert_eq!(baked_settings(&more), baked_settings(&scene));
     }
 }

@@ -38,6 +38,7 @@ impl Asset {
         add(bytemuck::cast_slice(&mesh.triangle_materials));
         for texture in &self.textures {
             add(bytemuck::cast_slice(&texture.texels));
+            add(format!("{} {} {} {:?}", texture.width, texture.height, texture.srgb, texture.wrap).as_bytes());
         }
         add(format!("{:?}", self.materials).as_bytes());
         hasher.finalize().to_hex().to_string()
