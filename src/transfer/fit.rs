@@ -268,6 +268,9 @@ impl Fit {
         let components = if mono { 1 } else { 3 };
         let stride = elements * components;
         let mut values = vec![0f32; texels * stride];
+        // Row by row: each value of a lightmap meets the weights of its vector in all elements.
+        let weights: Vec<f64> =
+            (0..self.combination.nrows()).flat_map(|v| (0..elements).map(move |j| self.combination[(v, j)])).collect();
         // Texel-major first, since I is; transposed block by block.
         let mut by_texel = vec![0f32; ROWS * stride];
         progress.begin("basis", texels as u64, "texels");
@@ -280,8 +283,9 @@ impl Fit {
                         for (k, &condition) in self.kept.iter().enumerate() {
                             let value = row[channel * conditions + condition] as f64;
                             let (v, component) = if mono { (channel * n + k, 0) } else { (k, channel) };
-                            for j in 0..elements {
-                                sum[j * components + component] += value * self.combination[(v, j)];
+                            let sums = sum.iter_mut().skip(component).step_by(components);
+                            for (sum, weight) in sums.zip(&weights[v * elements..(v + 1) * elements]) {
+                                *sum += value * weight;
                             }
                         }
                     }
