@@ -129,7 +129,8 @@ fn a_folder_holds_what_memory_holds_to_its_stated_rounding() {
 struct Work(tempfile::TempDir);
 
 /// A toy whose bake takes about a second.
-const TOY: &str = "train --size 64 --integrator path --conditions 24 --held-out 240 --paths 64 --points 16 --basis 4";
+const TOY: &str =
+    "train --threads 2 --size 128 --integrator path --conditions 24 --held-out 240 --paths 16 --points 16 --basis 4";
 
 impl Work {
     fn new() -> Self {
@@ -198,7 +199,7 @@ const SHARD: &str = "batch-000/tile-00000.safetensors";
 fn a_bake_killed_at_any_moment_ends_with_the_same_bits() {
     let work = Work::new();
     // Several batches, so that kills meet more than one file: the toy's tiles hold all of its texels.
-    let toy = format!("{TOY} --memory 29MiB");
+    let toy = format!("{TOY} --memory 33MiB");
     let start = std::time::Instant::now();
     work.succeeds(&format!("{toy} -o whole.relight"));
     let whole = start.elapsed();
@@ -372,8 +373,8 @@ fn the_ceiling_of_memory_is_kept_and_changes_nothing() {
 fn a_stopped_bake_says_where_it_goes_on() {
     let work = Work::new();
     // Small batches, so that the first shard is there soon.
-    let long = TOY.replace("--paths 64", "--paths 512");
-    let mut child = work.command(&format!("{long} --memory 29MiB -o a.relight")).spawn().unwrap();
+    let long = TOY.replace("--paths 16", "--paths 128");
+    let mut child = work.command(&format!("{long} --memory 33MiB -o a.relight")).spawn().unwrap();
     while !work.path(&format!("a.dataset/{SHARD}")).exists() {
         assert!(child.try_wait().unwrap().is_none(), "it ended before its first shard");
         std::thread::sleep(Duration::from_millis(20));
