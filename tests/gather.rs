@@ -189,27 +189,35 @@ fn gathering_agrees_with_path_tracing() {
     assert!(control > 7.5, "a tenth more would be told: {control}");
 }
 
-/// A condition's bits depend on no other condition, no range of texels and no number of threads.
+/// A condition's bits depend on no other condition of any kind, no range of texels and no number of threads.
 #[test]
 fn a_condition_is_the_same_in_any_company() {
-    let (asset, lightmap) = room(Material::lambert("grey", Vec3::splat(0.5)), 24);
+    let grey = Material { emissive: Vec3::new(1.0, 0.5, 0.2), ..Material::lambert("glow", Vec3::splat(0.5)) };
+    let (mut asset, _) = room(grey, 24);
+    // Without its first side, so that the sky is seen.
+    asset.mesh.triangles.drain(..8);
+    asset.mesh.triangle_materials.drain(..8);
+    let (asset, lightmap) = laid_out(asset, 24);
     let tracer = Tracer::new(&asset);
     let settings = settings(Integrator::Gather, 8, 3);
     let all: Vec<LightingCondition> =
         (0..70).map(|i| point(0.01 * i as f32, 0.2, 0.0)).chain([spot(0.3, Vec3::X, Vec3::ONE)]).collect();
     let whole = bake(&tracer, &lightmap, &all, &settings, &Silent).unwrap();
-    let emission = of_light(Light::Emissive { scale: 0.0 });
-    let some = [emission, all[3].clone(), all[70].clone()];
+    let emission = of_light(Light::Emissive { scale: 1.0 });
+    let sky = of_light(serde_json::from_str(r#"{"type": "sky", "sun_elevation": 0.7}"#).unwrap());
+    let some = [emission, sky, all[3].clone(), all[70].clone()];
+    let baked = bake(&tracer, &lightmap, &some, &settings, &Silent).unwrap();
+    assert!((0..2).all(|c| weighted_mean(&baked, &lightmap, c) > 0.0), "emission and sky are there");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     pool.install(|| {
         let baker = Baker::new(&tracer, &lightmap, &some, &settings, &Silent).unwrap();
         let cut = lightmap.texels.len() / 3 + 1;
         let mut rows = baker.texels(0..cut, &Silent).unwrap().indirect;
         rows.extend(baker.texels(cut..lightmap.texels.len(), &Silent).unwrap().indirect);
-        for (many, few) in whole.indirect.chunks(3 * all.len()).zip(rows.chunks(9)) {
+        for (many, few) in whole.indirect.chunks(3 * all.len()).zip(rows.chunks(12)) {
             for channel in 0..3 {
-                assert_eq!(many[channel * 71 + 3], few[channel * 3 + 1]);
-                assert_eq!(many[channel * 71 + 70], few[channel * 3 + 2]);
+                assert_eq!(many[channel * 71 + 3], few[channel * 4 + 2]);
+                assert_eq!(many[channel * 71 + 70], few[channel * 4 + 3]);
             }
         }
     });

@@ -97,6 +97,12 @@ impl<'a> Emitters<'a> {
         open.then(|| ToEmitter { direction, radiance_over_pdf: radiance / pdf, pdf })
     }
 
+    /// Radiance that a ray from `origin` along `direction`, drawn with density `pdf` per steradian, met at `hit`, weighted
+    /// against next-event estimation, which could have found it, too (balance heuristic; Veach 1997).
+    pub fn met(&self, hit: &Hit, surface: &Surface, origin: Vec3, direction: Vec3, pdf: f32) -> Rgb {
+        surface.emitted * (pdf / (pdf + self.pdf(hit, surface, origin, direction)))
+    }
+
     /// Density per steradian with which [`Self::sample`] from `origin` draws the direction of travel that led to `hit`.
     pub fn pdf(&self, hit: &Hit, surface: &Surface, origin: Vec3, direction: Vec3) -> f32 {
         let cos_light = -direction.dot(surface.geometric_normal);

@@ -124,15 +124,13 @@ impl Walk<'_, '_> {
             if let Some(emitters) = self.emitters
                 && surface.emitted != Vec3::ZERO
             {
-                // The emitter could have been found by next-event estimation: balance heuristic (Veach 1997).
-                let light_pdf = emitters.pdf(&hit, &surface, origin, direction);
-                collector.emission(throughput * surface.emitted * (pdf / (pdf + light_pdf)), bounces);
+                let radiance = emitters.met(&hit, &surface, origin, direction, pdf);
+                collector.emission(throughput * radiance, bounces);
             }
             if bounces >= self.max_bounces {
                 return;
             }
-            collector.vertex(&surface, -direction, throughput, bounces, || sampler.aside(SURFACE_LIGHTS));
-            self.reflect_emission(&surface, -direction, throughput, bounces + 1, sampler, collector);
+            self.light(&surface, -direction, throughput, bounces, sampler, collector);
 
             let u = sampler.next_4d();
             let Some(sampled) = surface.bsdf.sample(surface.normal, -direction, u) else { return };
@@ -154,6 +152,20 @@ impl Walk<'_, '_> {
             origin = self.tracer.leave(&surface, sampled.direction);
             (direction, pdf, glossy) = (sampled.direction, sampled.pdf, surface.bsdf.specular);
         }
+    }
+
+    /// Next-event estimation of all light at a vertex of a path, met `bounces` reflections after it left the receiver.
+    pub fn light(
+        &self,
+        surface: &Surface,
+        to_previous: Vec3,
+        throughput: Rgb,
+        bounces: u32,
+        sampler: &Sampler,
+        collector: &mut impl Collector,
+    ) {
+        collector.vertex(surface, to_previous, throughput, bounces, || sampler.aside(SURFACE_LIGHTS));
+        self.reflect_emission(surface, to_previous, throughput, bounces + 1, sampler, collector);
     }
 
     /// Next-event estimation of the asset's emission: what a random emitter sends to `surface` and it reflects towards

@@ -138,8 +138,6 @@ impl Gatherer<'_, '_> {
 struct Rays<'w, 'a> {
     found: Found,
     traced: LightSums<'w, 'a>,
-    /// Whether next-event estimation finds all direct light, so that it can be found anew at a hit.
-    anew: bool,
     sent: u64,
 }
 
@@ -164,8 +162,7 @@ const MOST_NEAR_HITS: u32 = 16;
 
 impl<'w, 'a> Rays<'w, 'a> {
     fn new(walk: &Walk<'w, 'a>, set: &'w LightSet) -> Self {
-        let anew = walk.emitters.is_none() && set.first_environment() == set.len();
-        Self { found: Found::default(), traced: LightSums::new(set, walk.tracer), anew, sent: 0 }
+        Self { found: Found::default(), traced: LightSums::new(set, walk.tracer), sent: 0 }
     }
 
     /// Sends ray `i` of `samples` from the surface `from` along the cosine-distributed direction of `u`.
@@ -182,6 +179,8 @@ impl<'w, 'a> Rays<'w, 'a> {
         // Of the irradiance that arrives, what a ray finds counts albedo by albedo: the π of its density meets the 1/π of
         // diffuse reflection.
         let mut weight = Rgb::ONE;
+        // Whether `from` was lit anew: then light that the next ray meets by itself is part of what it was lit with.
+        let mut lit_anew = false;
         for bounce in 0..MOST_NEAR_HITS.min(walk.max_bounces) {
             let direction = Frame::from_normal(from.normal).world_from_local(warp::sample_cosine_hemisphere(u));
             // A shading normal opens its hemisphere below the surface, too; there is nothing to see there.
@@ -189,18 +188,28 @@ impl<'w, 'a> Rays<'w, 'a> {
                 return;
             }
             self.sent += 1;
+            let arriving = weight * std::f32::consts::PI;
+            let pdf = warp::pdf_cosine_hemisphere(direction.dot(from.normal));
             let origin = walk.tracer.leave(&from, direction);
-            let Some(hit) = walk.tracer.closest_hit(origin, direction, f32::INFINITY) else { return };
-            let [j0, j1, u0, u1] = samples.following(i, bounce);
-            let Some((place, albedo)) = patches.find(&hit, direction, [j0, j1], self.anew) else {
-                let throughput = weight * std::f32::consts::PI;
-                let pdf = warp::pdf_cosine_hemisphere(direction.dot(from.normal));
-                let walk = Walk { max_bounces: walk.max_bounces - bounce, ..*walk };
-                walk.continue_along(&from, direction, throughput, pdf, &mut samples.sampler(i), &mut self.traced);
+            let Some(hit) = walk.tracer.closest_hit(origin, direction, f32::INFINITY) else {
+                if lit_anew {
+                    self.traced.escaped(direction, arriving, pdf, bounce);
+                }
                 return;
             };
-            let arriving = weight * std::f32::consts::PI;
+            if let Some(emitters) = walk.emitters.filter(|_| lit_anew) {
+                let surface = walk.tracer.surface(&hit, direction);
+                self.traced.emission(arriving * emitters.met(&hit, &surface, origin, direction, pdf), bounce);
+            }
+            let mut sampler = samples.sampler(i, bounce);
+            let [j0, j1, u0, u1] = samples.following(i, bounce);
+            let Some((place, albedo)) = patches.find(&hit, direction, [j0, j1]) else {
+                let walk = Walk { max_bounces: walk.max_bounces - bounce, ..*walk };
+                walk.continue_along(&from, direction, arriving, pdf, &mut sampler, &mut self.traced);
+                return;
+            };
             weight *= albedo;
+            lit_anew = place == Place::Point;
             match place {
                 Place::Patch(row) => {
                     self.found.patches.push(Term { row, weight });
@@ -209,7 +218,7 @@ impl<'w, 'a> Rays<'w, 'a> {
                 Place::Texel(row) => self.found.texels.push(Term { row, weight }),
                 Place::Point => {
                     let surface = walk.tracer.surface(&hit, direction);
-                    self.traced.vertex(&surface, -direction, arriving, bounce, || samples.sampler(i));
+                    walk.light(&surface, -direction, arriving, bounce, &sampler, &mut self.traced);
                 }
             }
             from = front(walk.tracer.asset(), hit.triangle as usize, hit.u, hit.v);

@@ -67,9 +67,9 @@ impl Samples<'_> {
         std::array::from_fn(|d| unit(p[d] ^ self.shift[d]))
     }
 
-    /// A generator for all that follows point `i`.
-    pub fn sampler(&self, i: usize) -> Sampler {
-        Sampler::new(self.key, FOLLOWING_STREAM, i as u32)
+    /// A generator for all that follows point `i` after its bounce `bounce`.
+    pub fn sampler(&self, i: usize, bounce: u32) -> Sampler {
+        Sampler::new(self.key, FOLLOWING_STREAM + bounce as u64, i as u32)
     }
 
     /// Four more numbers for point `i` after its bounce `bounce`, each in [0, 1), independent of it and of each other.
