@@ -16,7 +16,7 @@ use crate::scene::Lightmap;
 const FORMAT: u32 = 1;
 
 /// Raised whenever a bake from the same settings gives other bits than before, so that no dataset mixes the two.
-const BAKE: u32 = 1;
+const BAKE: u32 = 2;
 
 pub(super) const FILE: &str = "manifest.json";
 

@@ -178,6 +178,17 @@ impl AreaTable {
     }
 }
 
+impl AreaSample {
+    const NONE: AreaSample =
+        AreaSample { direction: [[0.0; LANES]; 3], segment: [[0.0; LANES]; 3], inverse_pdf: [0.0; LANES] };
+}
+
+/// Both coordinates of the sample points that LANES lights take.
+#[inline]
+fn points_of(which: &[u32; LANES], points: &[Vec2]) -> ([f32; LANES], [f32; LANES]) {
+    (which.map(|point| points[point as usize].x), which.map(|point| points[point as usize].y))
+}
+
 /// `u` as the light of this slot takes it.
 pub(super) fn slot_shift(u: Vec2, slot: u32) -> Vec2 {
     (u + slot as f32 * Vec2::new(0.754_877_7, 0.569_840_3)).fract()
@@ -186,13 +197,8 @@ pub(super) fn slot_shift(u: Vec2, slot: u32) -> Vec2 {
 impl FlatBlock {
     #[inline]
     fn sample(&self, points: &[Vec2], from: Vec3) -> AreaSample {
-        let mut out =
-            AreaSample { direction: [[0.0; LANES]; 3], segment: [[0.0; LANES]; 3], inverse_pdf: [0.0; LANES] };
-        let (mut a, mut b) = ([0f32; LANES], [0f32; LANES]);
-        for i in 0..LANES {
-            let point = points[self.point[i] as usize];
-            (a[i], b[i]) = (point.x, point.y);
-        }
+        let mut out = AreaSample::NONE;
+        let (a, b) = points_of(&self.point, points);
         for i in 0..LANES {
             let to_x = self.centre[0][i] + a[i] * self.u[0][i] + b[i] * self.v[0][i] - from.x;
             let to_y = self.centre[1][i] + a[i] * self.u[1][i] + b[i] * self.v[1][i] - from.y;
@@ -238,13 +244,8 @@ impl FlatBlock {
 impl SphereBlock {
     #[inline]
     fn sample(&self, points: &[Vec2], from: Vec3) -> AreaSample {
-        let mut out =
-            AreaSample { direction: [[0.0; LANES]; 3], segment: [[0.0; LANES]; 3], inverse_pdf: [0.0; LANES] };
-        let (mut a, mut b) = ([0f32; LANES], [0f32; LANES]);
-        for i in 0..LANES {
-            let point = points[self.point[i] as usize];
-            (a[i], b[i]) = (point.x, point.y);
-        }
+        let mut out = AreaSample::NONE;
+        let (a, b) = points_of(&self.point, points);
         for i in 0..LANES {
             let (cx, cy, cz) = (self.centre[0][i] - from.x, self.centre[1][i] - from.y, self.centre[2][i] - from.z);
             let d2 = (cx * cx + cy * cy + cz * cz).max(1e-12);

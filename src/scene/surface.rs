@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec4};
 
-use super::{Asset, Material, Reflectance, TextureRef};
+use super::{Asset, Material, Reflectance, TexelPoint, TextureRef};
 use crate::math::Rgb;
 
 /// Where a ray meets the mesh.
@@ -53,24 +53,35 @@ impl Asset {
     /// The surface at barycentric (u, v) of `triangle`, met from `incoming` (the direction of travel); pass minus the
     /// triangle's normal, or zero, to meet the front.
     pub fn surface(&self, triangle: usize, u: f32, v: f32, incoming: Vec3) -> Surface {
-        let mesh = &self.mesh;
-        let [a, b, c] = mesh.triangle_positions(triangle);
-        let position = a * (1.0 - u - v) + b * u + c * v;
-        let geometric = (b - a).cross(c - a).normalize_or(Vec3::Y);
-        let back = geometric.dot(incoming) > 0.0;
+        let front = self.front(TexelPoint { triangle: triangle as u32, u, v });
+        let back = front.geometric_normal.dot(incoming) > 0.0;
         let side = if back { -1.0 } else { 1.0 };
-        let mut normal = mesh.interpolate(&mesh.normals, triangle, u, v).normalize_or(geometric);
-        // Shading normals that point below the surface are not usable as such.
-        if normal.dot(geometric) <= 0.0 {
-            normal = geometric;
-        }
-        let material = &self.materials[mesh.triangle_materials[triangle] as usize];
+        let material = &self.materials[self.mesh.triangle_materials[triangle] as usize];
         let base = self.base_colour(material, triangle, u, v);
         let bsdf = self.bsdf(material, base, triangle, u, v);
         // A two-sided emitter shines both ways (glTF 2.0, `doubleSided`).
         let dark = back && !material.double_sided;
         let emitted = if dark { Vec3::ZERO } else { self.emitted(material, triangle, u, v) };
-        Surface { position, geometric_normal: geometric * side, normal: normal * side, bsdf, emitted, back }
+        let (geometric_normal, normal) = (front.geometric_normal * side, front.normal * side);
+        Surface { position: front.position, geometric_normal, normal, bsdf, emitted, back }
+    }
+
+    /// The front of the surface at a point that light only arrives at: black and dark, whatever its material.
+    #[inline]
+    pub fn front(&self, TexelPoint { triangle, u, v }: TexelPoint) -> Surface {
+        let (mesh, triangle) = (&self.mesh, triangle as usize);
+        let [a, b, c] = mesh.triangle_positions(triangle);
+        let geometric_normal = (b - a).cross(c - a).normalize_or(Vec3::Y);
+        let normal = mesh.interpolate(&mesh.normals, triangle, u, v).normalize_or(geometric_normal);
+        Surface {
+            position: a * (1.0 - u - v) + b * u + c * v,
+            geometric_normal,
+            // Shading normals that point below the surface are not usable as such.
+            normal: if normal.dot(geometric_normal) > 0.0 { normal } else { geometric_normal },
+            bsdf: Bsdf { diffuse: Rgb::ZERO, f0: Rgb::ZERO, alpha: 1.0, specular: false },
+            emitted: Rgb::ZERO,
+            back: false,
+        }
     }
 
     /// Linear base colour and alpha with texture and vertex colour applied.

@@ -3,16 +3,16 @@
 use std::ops::Range;
 use std::sync::Mutex;
 
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 use rayon::prelude::*;
 
 use super::Walk;
 use super::conditions::{Collected, LightSums};
-use super::gather::Gather;
+use super::gather::{Gather, Gatherer};
 use crate::light::{Emitters, LightSet, LightingCondition};
 use crate::math::{Rgb, Sampler};
 use crate::progress::Progress;
-use crate::scene::{Asset, Lightmap, Reflectance, Surface, TexelSampler, Tracer};
+use crate::scene::{Asset, Lightmap, Reflectance, Tracer};
 
 /// How the bake samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -180,49 +180,64 @@ impl<'t, 'a> Baker<'t, 'a> {
         range: Range<usize>,
         progress: &dyn Progress,
     ) -> Result<BakedTexels, BakeError> {
-        let (n, paths) = (self.conditions(), self.settings.paths as usize);
-        let row = 3 * n;
-        let walk =
-            Walk { tracer: self.tracer, emitters: self.emitters.as_ref(), max_bounces: self.settings.max_bounces };
-        let mut indirect = vec![0f32; range.len() * row];
-        let so_far = NoiseSoFar::default();
-        let shares: Vec<(NoiseSums, u64)> = indirect
-            .par_chunks_mut((CHUNK * row).max(1))
-            .enumerate()
-            .map_init(
-                || (gather.gatherer(&walk, &self.set), Collected::new(&self.set), vec![0f32; row]),
-                |(gatherer, sums, first_half), (chunk, rows)| {
-                    let mut noise = NoiseSums::new(n);
-                    let rays_before = gatherer.rays();
-                    for (i, out) in rows.chunks_mut(row).enumerate() {
-                        if progress.cancelled() {
-                            break;
-                        }
-                        let texel = range.start + chunk * CHUNK + i;
-                        let points = self.lightmap.sampler(&self.tracer.asset().mesh, texel);
-                        gatherer.clear();
-                        gather.texel(&walk, texel, &points, 0..paths / 2, gatherer);
-                        gatherer.collect(sums);
-                        sums.mix(&self.set, 1.0 / (paths / 2).max(1) as f32, first_half);
-                        gather.texel(&walk, texel, &points, paths / 2..paths, gatherer);
-                        gatherer.collect(sums);
-                        sums.mix(&self.set, 1.0 / paths as f32, out);
-                        noise.add(out, first_half, paths as u32, self.lightmap.texels[texel].area);
-                        progress.advance(1);
-                    }
-                    so_far.add(&noise, progress);
-                    (noise, gatherer.rays() - rays_before)
-                },
-            )
-            .collect();
-        self.assemble(indirect, shares, progress)
+        let (walk, paths) = (self.walk(), self.settings.paths as usize);
+        let bake = |(gatherer, sums): &mut (Gatherer<'_, 'a>, Collected), texel: usize, halves: [&mut [f32]; 2]| {
+            if progress.cancelled() {
+                return;
+            }
+            let points = self.lightmap.sampler(&self.tracer.asset().mesh, texel);
+            gatherer.clear();
+            let mut sent = 0;
+            for (end, out) in [paths / 2, paths].into_iter().zip(halves) {
+                gather.texel(&walk, texel, &points, sent..end, gatherer);
+                gatherer.collect(sums);
+                sums.mix(&self.set, 1.0 / end.max(1) as f32, out);
+                sent = end;
+            }
+        };
+        let start = || (gather.gatherer(&walk, &self.set), Collected::new(&self.set));
+        self.each_texel(range, progress, start, |(gatherer, _)| gatherer.rays(), bake)
     }
 
     fn traced(&self, range: Range<usize>, progress: &dyn Progress) -> Result<BakedTexels, BakeError> {
-        let (n, paths) = (self.conditions(), self.settings.paths);
+        let (walk, paths) = (self.walk(), self.settings.paths);
+        let bake = |sums: &mut LightSums, texel: usize, [first_half, out]: [&mut [f32]; 2]| {
+            let points = self.lightmap.sampler(&self.tracer.asset().mesh, texel);
+            let index = self.lightmap.texels[texel].index as u64;
+            sums.clear();
+            for path in 0..paths {
+                if path % PATHS_BETWEEN_CHECKS == 0 && progress.cancelled() {
+                    return;
+                }
+                let mut sampler = Sampler::new(self.settings.seed, index, path);
+                let [u0, u1, u2, u3] = sampler.next_4d();
+                let receiver = self.tracer.asset().front(points.sample([u0, u1]));
+                walk.from_receiver(&receiver, Vec2::new(u2, u3), &mut sampler, sums);
+                if path + 1 == paths / 2 {
+                    sums.indirect.mix(&self.set, 1.0 / (path + 1) as f32, first_half);
+                }
+            }
+            sums.indirect.mix(&self.set, 1.0 / paths as f32, out);
+        };
+        self.each_texel(range, progress, || LightSums::new(&self.set, self.tracer), LightSums::rays, bake)
+    }
+
+    fn walk(&self) -> Walk<'_, 'a> {
+        Walk { tracer: self.tracer, emitters: self.emitters.as_ref(), max_bounces: self.settings.max_bounces }
+    }
+
+    /// Bakes a range texel by texel. `start` readies a thread, `rays` tells how many it has cast, and `bake` writes a texel's
+    /// row from the first half of its paths and from all of them.
+    fn each_texel<S>(
+        &self,
+        range: Range<usize>,
+        progress: &dyn Progress,
+        start: impl Fn() -> S + Sync + Send,
+        rays: impl Fn(&S) -> u64 + Sync + Send,
+        bake: impl Fn(&mut S, usize, [&mut [f32]; 2]) + Sync + Send,
+    ) -> Result<BakedTexels, BakeError> {
+        let n = self.conditions();
         let row = 3 * n;
-        let walk =
-            Walk { tracer: self.tracer, emitters: self.emitters.as_ref(), max_bounces: self.settings.max_bounces };
         let mut indirect = vec![0f32; range.len() * row];
         let so_far = NoiseSoFar::default();
         // Each chunk's share of the noise is kept apart and summed in order, so that rounding does not depend on the threads.
@@ -230,48 +245,25 @@ impl<'t, 'a> Baker<'t, 'a> {
             .par_chunks_mut((CHUNK * row).max(1))
             .enumerate()
             .map_init(
-                || (LightSums::new(&self.set, self.tracer), vec![0f32; row]),
-                |(sums, first_half), (chunk, rows)| {
+                || (start(), vec![0f32; row]),
+                |(state, first_half), (chunk, rows)| {
                     let mut noise = NoiseSums::new(n);
-                    let rays_before = sums.rays();
+                    let rays_before = rays(state);
                     for (i, out) in rows.chunks_mut(row).enumerate() {
                         let texel = range.start + chunk * CHUNK + i;
-                        let receivers = Receivers::new(self.tracer, self.lightmap, texel);
-                        let index = self.lightmap.texels[texel].index as u64;
-                        sums.clear();
-                        for path in 0..paths {
-                            if path % PATHS_BETWEEN_CHECKS == 0 && progress.cancelled() {
-                                return (noise, sums.rays() - rays_before);
-                            }
-                            let mut sampler = Sampler::new(self.settings.seed, index, path);
-                            let [u0, u1, u2, u3] = sampler.next_4d();
-                            walk.from_receiver(&receivers.at([u0, u1]), Vec2::new(u2, u3), &mut sampler, sums);
-                            if path + 1 == paths / 2 {
-                                sums.indirect.mix(&self.set, 1.0 / (path + 1) as f32, first_half);
-                            }
-                        }
-                        sums.indirect.mix(&self.set, 1.0 / paths as f32, out);
-                        noise.add(out, first_half, paths, self.lightmap.texels[texel].area);
+                        bake(state, texel, [first_half, out]);
+                        noise.add(out, first_half, self.settings.paths, self.lightmap.texels[texel].area);
                         progress.advance(1);
                     }
                     so_far.add(&noise, progress);
-                    (noise, sums.rays() - rays_before)
+                    (noise, rays(state) - rays_before)
                 },
             )
             .collect();
-        self.assemble(indirect, shares, progress)
-    }
-
-    fn assemble(
-        &self,
-        indirect: Vec<f32>,
-        shares: Vec<(NoiseSums, u64)>,
-        progress: &dyn Progress,
-    ) -> Result<BakedTexels, BakeError> {
         if progress.cancelled() {
             return Err(BakeError::Cancelled);
         }
-        let mut noise = NoiseSums::new(self.conditions());
+        let mut noise = NoiseSums::new(n);
         shares.iter().for_each(|(share, _)| noise.merge(share));
         Ok(BakedTexels { indirect, noise, rays: shares.iter().map(|(_, rays)| rays).sum() })
     }
@@ -334,12 +326,13 @@ pub fn bake_direct(
             if progress.cancelled() {
                 return;
             }
-            let receivers = Receivers::new(tracer, lightmap, texel);
+            let points = lightmap.sampler(&tracer.asset().mesh, texel);
             sums.clear();
             for sample in 0..DIRECT_SAMPLES {
                 let mut sampler = Sampler::new(seed, lightmap.texels[texel].index as u64, sample);
                 let [u0, u1, u2, u3] = sampler.next_4d();
-                sums.add_direct(&walk, &receivers.at([u0, u1]), Vec2::new(u2, u3), &mut sampler);
+                let receiver = tracer.asset().front(points.sample([u0, u1]));
+                sums.add_direct(&walk, &receiver, Vec2::new(u2, u3), &mut sampler);
             }
             sums.direct.mix(&set, 1.0 / DIRECT_SAMPLES as f32, out);
             progress.advance(1);
@@ -347,24 +340,6 @@ pub fn bake_direct(
     );
     progress.end();
     if progress.cancelled() { Err(BakeError::Cancelled) } else { Ok(direct) }
-}
-
-/// Surface points inside one texel.
-struct Receivers<'a> {
-    asset: &'a Asset,
-    points: TexelSampler,
-}
-
-impl<'a> Receivers<'a> {
-    fn new(tracer: &Tracer<'a>, lightmap: &Lightmap, texel: usize) -> Self {
-        Self { asset: tracer.asset(), points: lightmap.sampler(&tracer.asset().mesh, texel) }
-    }
-
-    /// The front of the surface at a point uniform by area.
-    fn at(&self, u: [f32; 2]) -> Surface {
-        let point = self.points.sample(u);
-        self.asset.surface(point.triangle as usize, point.u, point.v, Vec3::ZERO)
-    }
 }
 
 /// The noise of the texels that are done, for the one who waits: of all conditions together, in the order in which threads end.

@@ -5,11 +5,11 @@
 use glam::Vec2;
 use rayon::prelude::*;
 
+use super::Rays;
 use super::direct::Direct;
 use super::patches::Patches;
 use super::rows::{Rows, Term, narrowed};
 use super::samples::SampleTable;
-use super::{Rays, receiver};
 use crate::light::LightSet;
 use crate::math::Rgb;
 use crate::math::sampler::mix64;
@@ -110,7 +110,7 @@ fn send<'a>(
         let t = texels.partition_point(|&(_, end)| end <= u0).min(texels.len() - 1);
         let start = if t == 0 { 0.0 } else { texels[t - 1].1 };
         let rest = ((u0 - start) / (texels[t].1 - start).max(f32::MIN_POSITIVE)).clamp(0.0, 1.0 - f32::EPSILON);
-        let receiver = receiver(walk.tracer, &points[t], [rest, u1]);
+        let receiver = walk.tracer.asset().front(points[t].sample([rest, u1]));
         rays.send(walk, patches, receiver, Vec2::new(u2, u3), &samples_here, i);
     }
 }

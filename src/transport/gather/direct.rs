@@ -3,7 +3,6 @@
 use glam::Vec2;
 use rayon::prelude::*;
 
-use super::receiver;
 use super::rows::{Rows, narrowed, padded};
 use crate::light::LightSet;
 use crate::math::{Rgb, Sampler};
@@ -53,7 +52,7 @@ impl Direct {
                     let stream = lightmap.texels[texel].index as u64;
                     let mut sampler = Sampler::new(settings.seed ^ DIRECT_STREAM, stream, sample);
                     let [u0, u1, u2, u3] = sampler.next_4d();
-                    let receiver = receiver(walk.tracer, &points, [u0, u1]);
+                    let receiver = walk.tracer.asset().front(points.sample([u0, u1]));
                     sums.add_direct(walk, &receiver, Vec2::new(u2, u3), &mut sampler);
                 }
                 let weight = 1.0 / samples as f32;

@@ -31,7 +31,7 @@ use super::{BakeError, BakeSettings, Walk};
 use crate::light::LightSet;
 use crate::math::{Frame, Rgb, warp};
 use crate::progress::Progress;
-use crate::scene::{Asset, Bsdf, Lightmap, Surface, TexelSampler, Tracer};
+use crate::scene::{Lightmap, Surface, TexelPoint, TexelSampler};
 
 /// Everything that the final gather of a texel reads.
 pub struct Gather<'t, 'a> {
@@ -102,7 +102,7 @@ impl<'t, 'a> Gather<'t, 'a> {
         gatherer.rays.found.clear();
         for i in range {
             let [u0, u1, u2, u3] = samples.point(i);
-            let receiver = receiver(walk.tracer, points, [u0, u1]);
+            let receiver = walk.tracer.asset().front(points.sample([u0, u1]));
             gatherer.rays.send(walk, &self.patches, receiver, Vec2::new(u2, u3), &samples, i);
         }
         self.bounced.light.add(&gatherer.rays.found.patches, &mut gatherer.read);
@@ -221,31 +221,8 @@ impl<'w, 'a> Rays<'w, 'a> {
                     walk.light(&surface, -direction, arriving, bounce, &sampler, &mut self.traced);
                 }
             }
-            from = front(walk.tracer.asset(), hit.triangle as usize, hit.u, hit.v);
+            from = walk.tracer.asset().front(TexelPoint { triangle: hit.triangle, u: hit.u, v: hit.v });
             u = Vec2::new(u0, u1);
         }
-    }
-}
-
-/// The front of the surface at a point uniform by area; what it reflects is not asked for.
-fn receiver(tracer: &Tracer, points: &TexelSampler, u: [f32; 2]) -> Surface {
-    let point = points.sample(u);
-    front(tracer.asset(), point.triangle as usize, point.u, point.v)
-}
-
-/// The front of the surface at barycentric (u, v) of `triangle`, as [`Asset::surface`] has it, but for what it reflects.
-#[inline]
-fn front(asset: &Asset, triangle: usize, u: f32, v: f32) -> Surface {
-    let mesh = &asset.mesh;
-    let [a, b, c] = mesh.triangle_positions(triangle);
-    let geometric_normal = (b - a).cross(c - a).normalize_or(Vec3::Y);
-    let normal = mesh.interpolate(&mesh.normals, triangle, u, v).normalize_or(geometric_normal);
-    Surface {
-        position: a * (1.0 - u - v) + b * u + c * v,
-        geometric_normal,
-        normal: if normal.dot(geometric_normal) > 0.0 { normal } else { geometric_normal },
-        bsdf: Bsdf { diffuse: Rgb::ZERO, f0: Rgb::ZERO, alpha: 1.0, specular: false },
-        emitted: Rgb::ZERO,
-        back: false,
     }
 }
