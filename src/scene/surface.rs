@@ -49,6 +49,15 @@ pub struct Surface {
     pub back: bool,
 }
 
+impl Surface {
+    /// A black and dark front.
+    #[inline(always)]
+    pub fn front(position: Vec3, geometric_normal: Vec3, normal: Vec3) -> Self {
+        let bsdf = Bsdf { diffuse: Rgb::ZERO, f0: Rgb::ZERO, alpha: 1.0, specular: false };
+        Self { position, geometric_normal, normal, bsdf, emitted: Rgb::ZERO, back: false }
+    }
+}
+
 impl Asset {
     /// The surface at barycentric (u, v) of `triangle`, met from `incoming` (the direction of travel); pass minus the
     /// triangle's normal, or zero, to meet the front.
@@ -73,15 +82,9 @@ impl Asset {
         let [a, b, c] = mesh.triangle_positions(triangle);
         let geometric_normal = (b - a).cross(c - a).normalize_or(Vec3::Y);
         let normal = mesh.interpolate(&mesh.normals, triangle, u, v).normalize_or(geometric_normal);
-        Surface {
-            position: a * (1.0 - u - v) + b * u + c * v,
-            geometric_normal,
-            // Shading normals that point below the surface are not usable as such.
-            normal: if normal.dot(geometric_normal) > 0.0 { normal } else { geometric_normal },
-            bsdf: Bsdf { diffuse: Rgb::ZERO, f0: Rgb::ZERO, alpha: 1.0, specular: false },
-            emitted: Rgb::ZERO,
-            back: false,
-        }
+        // Shading normals that point below the surface are not usable as such.
+        let normal = if normal.dot(geometric_normal) > 0.0 { normal } else { geometric_normal };
+        Surface::front(a * (1.0 - u - v) + b * u + c * v, geometric_normal, normal)
     }
 
     /// Linear base colour and alpha with texture and vertex colour applied.

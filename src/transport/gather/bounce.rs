@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::Rays;
 use super::direct::Direct;
 use super::patches::Patches;
-use super::rows::{Rows, Term, narrowed};
+use super::rows::{Rows, Term, narrowed, place};
 use super::samples::SampleTable;
 use crate::light::LightSet;
 use crate::math::Rgb;
@@ -67,7 +67,7 @@ impl Bounced {
                     let traced = &rays.traced.indirect;
                     for (column, &sum) in traced.lights.iter().chain([&traced.emission]).enumerate() {
                         for channel in 0..3 {
-                            once[channel * columns + column] += sum[channel] * weight;
+                            once[place(3, columns, channel, column)] += sum[channel] * weight;
                         }
                     }
                     progress.advance(1);
@@ -110,7 +110,7 @@ fn send<'a>(
         let t = texels.partition_point(|&(_, end)| end <= u0).min(texels.len() - 1);
         let start = if t == 0 { 0.0 } else { texels[t - 1].1 };
         let rest = ((u0 - start) / (texels[t].1 - start).max(f32::MIN_POSITIVE)).clamp(0.0, 1.0 - f32::EPSILON);
-        let receiver = walk.tracer.asset().front(points[t].sample([rest, u1]));
+        let receiver = patches.front(points[t].sample([rest, u1]));
         rays.send(walk, patches, receiver, Vec2::new(u2, u3), &samples_here, i);
     }
 }
@@ -163,7 +163,7 @@ fn bounces_until_faded(operator: &[&[Term]], most: u32) -> u32 {
     most
 }
 
-/// Solves E = b + G E: `[patch][channel][column]`.
+/// Solves E = b + G E; `once` holds a row of three planes a patch.
 fn solve(
     operator: &[&[Term]],
     once: &[f32],
@@ -197,15 +197,17 @@ fn solve(
 
 /// Direct and indirect light together.
 fn sum(direct: &Rows, indirect: &Rows, columns: usize) -> Rows {
-    let width = 3 * columns;
+    let (width, planes) = (3 * columns, direct.stride() / columns);
     let mut rows = indirect.like(indirect.count());
     rows.values_mut().par_chunks_mut(width).enumerate().for_each_init(
         || (vec![0f32; direct.stride()], vec![0f32; width]),
         |(own, reflected), (patch, total)| {
             direct.widen(patch, own);
             indirect.widen(patch, reflected);
-            for i in 0..width {
-                total[i] = narrowed(own[i % own.len()] + reflected[i], patch);
+            for (channel, column) in (0..3).flat_map(|channel| (0..columns).map(move |column| (channel, column))) {
+                let at = place(3, columns, channel, column);
+                let own = own[place(planes, columns, channel.min(planes - 1), column)];
+                total[at] = narrowed(own + reflected[at], patch);
             }
         },
     );

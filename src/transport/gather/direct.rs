@@ -3,7 +3,7 @@
 use glam::Vec2;
 use rayon::prelude::*;
 
-use super::rows::{Rows, narrowed, padded};
+use super::rows::{Rows, narrowed, padded, place};
 use crate::light::LightSet;
 use crate::math::{Rgb, Sampler};
 use crate::progress::Progress;
@@ -58,7 +58,7 @@ impl Direct {
                 let weight = 1.0 / samples as f32;
                 let mut write = |column: usize, irradiance: Rgb| {
                     for plane in 0..planes {
-                        row[plane * columns + column] = narrowed(irradiance[plane] * weight, texel);
+                        row[place(planes, columns, plane, column)] = narrowed(irradiance[plane] * weight, texel);
                     }
                 };
                 sums.direct.lights.iter().enumerate().for_each(|(column, &sum)| write(column, sum));

@@ -23,7 +23,7 @@ use glam::{Vec2, Vec3};
 use self::bounce::Bounced;
 use self::direct::Direct;
 use self::patches::{Patches, Place};
-use self::rows::Term;
+use self::rows::{Term, place};
 use self::samples::{SampleTable, Samples};
 use super::conditions::{Collected, LightSums};
 use super::path::Collector;
@@ -48,7 +48,7 @@ pub struct Gather<'t, 'a> {
 /// Sends one thread's rays, and adds up the light that they find.
 pub struct Gatherer<'t, 'a> {
     rays: Rays<'t, 'a>,
-    /// `[channel][column]`, for a weight of 1 a ray.
+    /// A row of three planes, for a weight of 1 a ray.
     read: Vec<f32>,
 }
 
@@ -102,7 +102,7 @@ impl<'t, 'a> Gather<'t, 'a> {
         gatherer.rays.found.clear();
         for i in range {
             let [u0, u1, u2, u3] = samples.point(i);
-            let receiver = walk.tracer.asset().front(points.sample([u0, u1]));
+            let receiver = self.patches.front(points.sample([u0, u1]));
             gatherer.rays.send(walk, &self.patches, receiver, Vec2::new(u2, u3), &samples, i);
         }
         self.bounced.light.add(&gatherer.rays.found.patches, &mut gatherer.read);
@@ -119,8 +119,9 @@ impl Gatherer<'_, '_> {
     /// Irradiance, times the number of rays.
     pub fn collect(&self, out: &mut Collected) {
         let columns = self.read.len() / 3;
-        let read =
-            |column: usize| Vec3::from_array(std::array::from_fn(|channel| self.read[channel * columns + column]));
+        let read = |column: usize| {
+            Vec3::from_array(std::array::from_fn(|channel| self.read[place(3, columns, channel, column)]))
+        };
         let traced = &self.rays.traced.indirect;
         for (light, (out, &traced)) in out.lights.iter_mut().zip(&traced.lights).enumerate() {
             *out = read(light) + traced;
@@ -221,7 +222,7 @@ impl<'w, 'a> Rays<'w, 'a> {
                     walk.light(&surface, -direction, arriving, bounce, &sampler, &mut self.traced);
                 }
             }
-            from = walk.tracer.asset().front(TexelPoint { triangle: hit.triangle, u: hit.u, v: hit.v });
+            from = patches.front(TexelPoint { triangle: hit.triangle, u: hit.u, v: hit.v });
             u = Vec2::new(u0, u1);
         }
     }

@@ -9,7 +9,10 @@ use crate::math::{LANES, Rgb};
 /// Vectors of columns that are summed at a time: three channels of them stay in registers.
 const BLOCK: usize = 4;
 
-/// A matrix of light, `[row][plane][column]`.
+/// Terms by which the rows that are summed are fetched ahead of their use: they lie anywhere in the last level of the cache.
+const AHEAD: usize = 6;
+
+/// A matrix of light. What is summed at a time lies together: a row is `[block][plane][column of the block]`, see [`place`].
 pub struct Rows {
     values: Vec<u16>,
     columns: usize,
@@ -27,6 +30,14 @@ pub struct Term {
 /// `columns` rounded up, so that rows are whole vectors.
 pub fn padded(columns: usize) -> usize {
     columns.next_multiple_of(LANES)
+}
+
+/// Where a row of `planes` planes and `columns` columns keeps a value.
+#[inline]
+pub fn place(planes: usize, columns: usize, plane: usize, column: usize) -> usize {
+    let first = column - column % (BLOCK * LANES);
+    let width = (columns - first).min(BLOCK * LANES);
+    planes * first + plane * width + (column - first)
 }
 
 impl Rows {
@@ -58,30 +69,30 @@ impl Rows {
         &mut self.values
     }
 
-    /// One row in f32, `[plane][column]`.
+    /// One row in f32, its values where they were.
     pub fn widen(&self, row: usize, out: &mut [f32]) {
         let stride = self.stride();
         out.iter_mut().zip(&self.values[row * stride..(row + 1) * stride]).for_each(|(out, &v)| *out = widened(v));
     }
 
-    /// Adds Σ weight · row over `terms` to `sums`, `[channel][column]`.
+    /// Adds Σ weight · row over `terms` to `sums`, a row of three planes.
     pub fn add(&self, terms: &[Term], sums: &mut [f32]) {
         assert_eq!(sums.len(), 3 * self.columns);
         if terms.is_empty() {
             return;
         }
-        let mut first = 0;
-        while first + BLOCK * LANES <= self.columns {
-            self.add_block::<BLOCK>(first, terms, sums);
-            first += BLOCK * LANES;
-        }
-        while first < self.columns {
-            self.add_block::<1>(first, terms, sums);
-            first += LANES;
+        for first in (0..self.columns).step_by(BLOCK * LANES) {
+            match (self.columns - first) / LANES {
+                1 => self.add_block::<1>(first, terms, sums),
+                2 => self.add_block::<2>(first, terms, sums),
+                3 => self.add_block::<3>(first, terms, sums),
+                _ => self.add_block::<BLOCK>(first, terms, sums),
+            }
         }
     }
 
     fn add_block<const VECTORS: usize>(&self, first: usize, terms: &[Term], sums: &mut [f32]) {
+        let sums = &mut sums[3 * first..][..3 * VECTORS * LANES];
         if self.planes == 3 {
             self.add_planes::<VECTORS, 3>(first, terms, sums);
         } else {
@@ -91,10 +102,15 @@ impl Rows {
 
     fn add_planes<const VECTORS: usize, const PLANES: usize>(&self, first: usize, terms: &[Term], sums: &mut [f32]) {
         let mut block = [[Lanes([0.0; LANES]); VECTORS]; 3];
-        for term in terms {
-            let start = term.row as usize * self.stride() + first;
-            for plane in 0..PLANES {
-                let row = &self.values[start + plane * self.columns..][..VECTORS * LANES];
+        let values = |term: &Term| {
+            let start = term.row as usize * self.stride() + first * PLANES;
+            &self.values[start..][..PLANES * VECTORS * LANES]
+        };
+        for (i, term) in terms.iter().enumerate() {
+            if let Some(later) = terms.get(i + AHEAD) {
+                fetch(values(later));
+            }
+            for (plane, row) in values(term).chunks_exact(VECTORS * LANES).enumerate() {
                 for (i, lanes) in row.chunks_exact(LANES).enumerate() {
                     let light = Lanes::widened(lanes);
                     // One plane serves all channels.
@@ -104,13 +120,23 @@ impl Rows {
                 }
             }
         }
-        for channel in 0..3 {
-            let out = &mut sums[channel * self.columns + first..][..VECTORS * LANES];
-            for (out, lanes) in out.chunks_exact_mut(LANES).zip(&block[channel]) {
-                out.iter_mut().zip(&lanes.0).for_each(|(out, sum)| *out += sum);
-            }
+        for (out, lanes) in sums.chunks_exact_mut(LANES).zip(block.as_flattened()) {
+            out.iter_mut().zip(&lanes.0).for_each(|(out, sum)| *out += sum);
         }
     }
+}
+
+/// Asks for values that will be read soon.
+#[inline(always)]
+fn fetch(values: &[u16]) {
+    #[cfg(target_arch = "x86_64")]
+    for line in values.chunks(64 / size_of::<u16>()) {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: a hint; it reads nothing, wherever it points.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = values;
 }
 
 /// LANES values that one instruction handles.
@@ -177,8 +203,8 @@ mod tests {
     /// Small whole numbers are exact in bfloat16, and so are their sums in f32.
     #[test]
     fn sums_of_rows_are_those_of_a_plain_loop() {
-        let columns = padded(90);
-        for planes in [1, 3] {
+        // Whole blocks, and every width of the last.
+        for (planes, columns) in [1, 3].into_iter().flat_map(|p| [10, 90, 110, 128, 170].map(|c| (p, padded(c)))) {
             let mut rows = Rows::new(5, planes, columns);
             let stride = rows.stride();
             let value = |row: usize, i: usize| ((row * 31 + i * 7) % 100) as f32;
@@ -194,9 +220,9 @@ mod tests {
             for channel in 0..3 {
                 for k in 0..columns {
                     let plane = if planes == 3 { channel } else { 0 };
-                    let light = |t: &Term| t.weight[channel] * value(t.row as usize, plane * columns + k);
+                    let light = |t: &Term| t.weight[channel] * value(t.row as usize, place(planes, columns, plane, k));
                     let expected = 1.0 + terms.iter().map(light).sum::<f32>();
-                    assert_eq!(sums[channel * columns + k], expected);
+                    assert_eq!(sums[place(3, columns, channel, k)], expected);
                 }
             }
         }
