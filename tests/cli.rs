@@ -28,6 +28,7 @@ fn main() {
     let trials = vec![
         trial("train_writes_a_model_and_its_figures", train_writes_a_model_and_its_figures),
         trial("train_takes_scene_files_and_assets", train_takes_scene_files_and_assets),
+        trial("a_model_tells_lights_that_it_was_not_trained_on", a_model_tells_lights_that_it_was_not_trained_on),
         trial("compare_writes_its_report", compare_writes_its_report),
         trial("render_on_the_cpu", || render_on("CPU", &["--cpu"])),
         trial("render_a_reference", || render_on("path traced", &["--reference", "--paths", "2"])),
@@ -216,6 +217,34 @@ fn train_writes_a_model_and_its_figures() {
     );
     assert_eq!(work.json("b.json")["method"], "belcour");
     work.succeeds("info b.relight", &[]);
+}
+
+/// Trained on spots, given suns (Belcour et al. 2022, figure 8) and whatever else there is. Measured 0.96 to 0.99; with 256
+/// held-out lights and 30 of a kind the standard error is about 0.02.
+fn a_model_tells_lights_that_it_was_not_trained_on() {
+    let work = Work::new();
+    let settings =
+        "--size 16 --conditions 24 --held-out 256 --paths 1 --points 128 --basis 4 -o m.relight --json m.json";
+    work.succeeds(&format!("train {settings}"), &[]);
+    let figures = work.json("m.json");
+    let separation = figures["separation"].as_array().unwrap();
+    let auc = |kind: &str| number(&separation.iter().find(|s| s["kind"] == kind).unwrap()["auc"]);
+    assert!(auc("directional") >= 0.95, "{figures}");
+    for kind in ["point", "rect", "disk", "sphere", "sky"] {
+        assert!(auc(kind) >= 0.9, "{kind}: {figures}");
+    }
+    assert!(separation.iter().all(|s| s["kind"] != "spot"));
+
+    let spot = "{type=\"spot\", position=[2.8,4,1], direction=[0.2,-0.8,0.5], intensity=20, outer_cone_angle=0.7}";
+    let sun = "{type=\"directional\", direction=[0.1,-0.2,0.9], intensity=3}";
+    let reading = |light: &str| {
+        let said = work.succeeds("render m.relight --cpu --size 8x8 -o a.png --json a.json", &["--light", light]);
+        (said, work.json("a.json"))
+    };
+    let (said, figures) = reading(spot);
+    assert!(number(&figures["novelty"]) < 0.5 && said.contains("lights: seen"), "{said}");
+    let (said, figures) = reading(sun);
+    assert!(number(&figures["novelty"]) > 0.5 && figures["like"] == "directional", "{said}");
 }
 
 fn train_takes_scene_files_and_assets() {

@@ -54,6 +54,8 @@ fn model_facts(model: &Model) -> Value {
             "asset hash": record.asset_hash,
         },
         "held-out error": record.held_out,
+        "tells other lights (AUC)":
+            record.separation.iter().map(|s| format!("{} {:.3}", s.kind, s.auc)).collect::<Vec<_>>(),
         "asset": asset_facts(&model.asset),
         "scene settings": toml::from_str::<Value>(&record.scene).unwrap_or(Value::String(record.scene.clone())),
     })

@@ -3,14 +3,14 @@
 use std::path::Path;
 use std::time::Instant;
 
-use crate::dataset::{Dataset, Draw, Job, identity};
+use crate::dataset::{Contrast, Dataset, Draw, Job, identity};
 use crate::light::LightingCondition;
 use crate::measure::MeasurementPoints;
 use crate::model::{Basis, HeldOut, Model, TrainingRecord};
 use crate::progress::Progress;
 use crate::scene::{Asset, Finish, Lightmap, Tracer, lay_out};
 use crate::scene_file::SceneFile;
-use crate::transfer::{Fit, Gram, HeldOutErrors, TrainSettings, TransferError};
+use crate::transfer::{Fit, Gram, HeldOutErrors, TrainSettings, TransferError, fit_scope};
 use crate::transport::BakeSettings;
 
 use super::storage::{Place, baked_settings};
@@ -162,6 +162,10 @@ impl Prepared {
         let basis = Basis::from_texels(&self.finish(tracer), transfer.elements, &values);
         let summary = errors.summary();
         let noise = &dataset.noise[dataset.held_out()];
+        let seed = self.scene.bake.seed;
+        let held_out = dataset.held_out().map(|h| dataset.direct(h)).collect();
+        let contrast = Contrast::draw(tracer, &points, &self.scene.scenario, held_out, seed)?;
+        let (scope, separation) = fit_scope(&contrast, seed)?.unzip();
         let record = TrainingRecord {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             scene: toml::to_string(&self.scene).expect("settings hold nothing that TOML cannot"),
@@ -177,7 +181,8 @@ impl Prepared {
                 oracle_mean: summary.oracle_mean,
                 noise: noise.iter().map(|&n| n as f64).sum::<f64>() / noise.len().max(1) as f64,
             },
+            separation: separation.unwrap_or_default(),
         };
-        Ok(Model { asset: self.asset.clone(), points, basis, transfer, record })
+        Ok(Model { asset: self.asset.clone(), points, basis, transfer, scope, record })
     }
 }

@@ -8,8 +8,9 @@ use serde_json::json;
 
 use super::lights::{CAMERA_HELP, LIGHT_HELP, camera, lights};
 use super::{Failure, Reporter};
+use crate::dataset::DirectVector;
 use crate::gpu::Runtime;
-use crate::light::Light;
+use crate::light::{EmissionFacets, Light, LightTable};
 use crate::model::{Model, Picture, Shown, View};
 use crate::report::figures;
 use crate::scene::Tracer;
@@ -78,7 +79,7 @@ impl Render {
         let view = View::new(camera(self.camera.as_deref(), &model.asset)?, self.size.0, self.size.1);
         view.pinhole()?;
         let start = Instant::now();
-        let (picture, renderer) = self.picture(&model, &view, &lights, reporter)?;
+        let (picture, renderer, direct) = self.picture(&model, &view, &lights, reporter)?;
         let seconds = start.elapsed().as_secs_f64();
         let exposure = self.exposure.unwrap_or_else(|| figures::exposure_for(&picture));
         if format.as_deref() == Some("exr") {
@@ -87,17 +88,30 @@ impl Render {
             picture.write_png(&self.output, exposure)?;
         }
         println!("wrote {} ({renderer}, {seconds:.2} s)", self.output.display());
+        let reading = model.scope.as_ref().zip(direct.as_ref()).and_then(|(scope, direct)| scope.read(direct));
+        if let Some(reading) = &reading {
+            println!("lights: {}", reading.verdict());
+        }
         let (width, height) = self.size;
-        super::write_json(json, &json!({ "renderer": renderer, "seconds": seconds, "width": width, "height": height }))
+        let figures = json!({
+            "renderer": renderer,
+            "seconds": seconds,
+            "width": width,
+            "height": height,
+            "novelty": reading.map(|r| r.novelty),
+            "like": reading.map(|r| r.like),
+        });
+        super::write_json(json, &figures)
     }
 
+    /// The picture, what made it, and the direct vector that it was relit from.
     fn picture(
         &self,
         model: &Model,
         view: &View,
         lights: &[Light],
         reporter: &Reporter,
-    ) -> Result<(Picture, String), Failure> {
+    ) -> Result<(Picture, String, Option<DirectVector>), Failure> {
         if self.reference {
             let tracer = Tracer::new(&model.asset);
             let settings = ReferenceSettings { samples: self.paths, max_bounces: 64, seed: 1 };
@@ -107,7 +121,7 @@ impl Render {
                 Part::Direct => direct,
                 Part::Indirect => indirect,
             };
-            return Ok((picture, format!("path traced, {} paths a pixel", self.paths)));
+            return Ok((picture, format!("path traced, {} paths a pixel", self.paths), None));
         }
         let shown = match self.show {
             Part::Full => Shown::Full,
@@ -116,10 +130,15 @@ impl Render {
         };
         if self.cpu {
             let tracer = Tracer::new(&model.asset);
-            return Ok((model.render(&tracer, view, lights, shown)?, "CPU".into()));
+            let table = LightTable::new(lights, &EmissionFacets::of(tracer.asset()));
+            let direct = model.points.direct(&tracer, &table);
+            let coefficients = model.transfer.coefficients(&direct);
+            let picture = model.render_with(&tracer, view, &table, &coefficients, shown)?;
+            return Ok((picture, "CPU".into(), Some(direct)));
         }
         let mut runtime = Runtime::new(model)?;
         let picture = runtime.render(view, lights, shown)?;
-        Ok((picture, format!("GPU: {}", runtime.gpu().name)))
+        let direct = runtime.direct()?;
+        Ok((picture, format!("GPU: {}", runtime.gpu().name), Some(direct)))
     }
 }

@@ -101,6 +101,7 @@ pub fn figures(trained: &Trained, model_bytes: u64, total_seconds: f64) -> serde
             "oracle_mean": held_out.oracle_mean,
             "noise": held_out.noise,
         },
+        "separation": record.separation,
         "lambda": record.lambda,
         "condition_number": trained.fit.condition_number,
         "seconds": { "bake": trained.bake_seconds, "train": trained.train_seconds, "total": total_seconds },
@@ -134,6 +135,15 @@ pub fn print_summary(trained: &Trained, output: &Path, bytes: u64) {
         percent(held_out.oracle_mean),
         percent(held_out.noise)
     );
+    if let Some(weakest) = record.separation.iter().min_by(|a, b| a.auc.total_cmp(&b.auc)) {
+        let kinds: Vec<&str> = record.separation.iter().map(|s| s.kind.as_str()).collect();
+        println!(
+            "  tells lights that it was not trained on ({}): AUC at least {:.3} ({})",
+            kinds.join(", "),
+            weakest.auc,
+            weakest.kind
+        );
+    }
     let peak = Bytes::peak().map_or(String::new(), |peak| format!("; peak memory {:.0} MB", peak as f64 * 1e-6));
     println!("wrote {} ({:.1} MB){peak}", output.display(), bytes as f64 * 1e-6);
 }

@@ -3,6 +3,7 @@
 //! I is T × 3N values, in memory or in a folder of shards ([`folder`]); either way it is walked a few texels at a time.
 
 pub mod build;
+pub mod contrast;
 pub mod error;
 pub mod folder;
 pub mod manifest;
@@ -12,12 +13,14 @@ mod shard;
 use std::ops::Range;
 
 pub use build::Draw;
+pub use contrast::{Contrast, DirectVector};
 pub use error::DatasetError;
 pub use folder::Job;
 pub use manifest::{Identity, identity};
 pub use memory::Bytes;
 
 use crate::light::LightingCondition;
+use crate::math::Rgb;
 use crate::progress::Progress;
 
 /// N conditions, the first `training` to train on, the rest held out.
@@ -66,6 +69,13 @@ impl Dataset {
         let n = self.conditions.len();
         let rows = self.direct.chunks_exact(3 * n);
         rows.map(|row| row[channel * n + condition] as f64).collect()
+    }
+
+    /// x of one condition.
+    pub fn direct(&self, condition: usize) -> DirectVector {
+        let n = self.conditions.len();
+        let value = |row: &[f32]| Rgb::from_array([0, 1, 2].map(|channel| row[channel * n + condition]));
+        self.direct.chunks_exact(3 * n).map(value).collect()
     }
 
     /// Hands all of I to `visit`, in order, [`ROWS`] texels at a time, the last the rest: the range of texels and their rows,

@@ -77,6 +77,11 @@ impl Runtime {
         self.gpu.check()
     }
 
+    /// x, as [`Runtime::relight`] last measured it: for [`crate::model::Scope::read`], among others.
+    pub fn direct(&self) -> Result<Vec<Rgb>, GpuError> {
+        self.download(&self.measurement.direct, self.points)
+    }
+
     /// Draws what the lights of the last [`Runtime::relight`] show. The texture holds scene-linear radiance in f32 once
     /// the GPU is done; it is overwritten by the next call and replaced when the size changes.
     pub fn draw(&mut self, view: &View, shown: Shown) -> Result<&wgpu::Texture, GpuError> {

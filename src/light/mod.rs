@@ -25,7 +25,7 @@ pub use environment::EnvironmentMap;
 pub use gather::{Arrived, LightGather};
 pub use image::{EnvironmentError, EnvironmentImage, EnvironmentImages};
 pub use sampled::{Sampled, SampledGather};
-pub use scenario::{Scenario, ScenarioError};
+pub use scenario::{Kind, KindWeights, Scenario, ScenarioError};
 pub use set::LightSet;
 pub use sky::Sky;
 pub use table::{LightEntry, LightTable};

@@ -90,7 +90,42 @@ pub enum Kind {
     Emissive,
 }
 
+impl Kind {
+    /// Its name in scene files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Directional => "directional",
+            Kind::Point => "point",
+            Kind::Spot => "spot",
+            Kind::Rect => "rect",
+            Kind::Disk => "disk",
+            Kind::Sphere => "sphere",
+            Kind::Environment => "environment",
+            Kind::Sky => "sky",
+            Kind::Emissive => "emissive",
+        }
+    }
+}
+
 impl KindWeights {
+    /// One kind alone.
+    pub fn only(kind: Kind) -> Self {
+        let mut weights = Self::default();
+        let weight = match kind {
+            Kind::Directional => &mut weights.directional,
+            Kind::Point => &mut weights.point,
+            Kind::Spot => &mut weights.spot,
+            Kind::Rect => &mut weights.rect,
+            Kind::Disk => &mut weights.disk,
+            Kind::Sphere => &mut weights.sphere,
+            Kind::Environment => &mut weights.environment,
+            Kind::Sky => &mut weights.sky,
+            Kind::Emissive => &mut weights.emissive,
+        };
+        *weight = 1.0;
+        weights
+    }
+
     /// Every kind and its weight.
     pub fn all(&self) -> [(Kind, f32); 9] {
         [

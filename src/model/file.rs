@@ -11,7 +11,7 @@ use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 
-use super::{Basis, Channels, Model, TrainingRecord, Transfer};
+use super::{Basis, Channels, Model, Scope, TrainingRecord, Transfer};
 use crate::files::write_whole;
 use crate::measure::{MeasurementPoint, MeasurementPoints};
 use crate::scene::material::Wrap;
@@ -47,6 +47,8 @@ struct Metadata {
     textures: Vec<TextureMetadata>,
     lights: Vec<PunctualLight>,
     cameras: Vec<Camera>,
+    /// Kinds of light that `scope` tells from the scenario's; none where there is no such tensor.
+    scope: Vec<String>,
     record: TrainingRecord,
 }
 
@@ -114,6 +116,9 @@ impl Model {
         if !mesh.colours.is_empty() {
             tensors.push(vectors("mesh.colours", &mesh.colours));
         }
+        if let Some(scope) = &self.scope {
+            tensors.push(tensor("scope", Dtype::F32, &[scope.kinds.len(), 2 * scope.points + 1], &scope.weights));
+        }
         for (prefix, set) in [("points", &points.points), ("sub_points", &points.sub_points)] {
             let field = |of: fn(&MeasurementPoint) -> Vec3| set.iter().map(of).collect::<Vec<_>>();
             tensors.push(vectors(format!("{prefix}.position"), &field(|p| p.position)));
@@ -137,6 +142,7 @@ impl Model {
                 .collect(),
             lights: self.asset.lights.clone(),
             cameras: self.asset.cameras.clone(),
+            scope: self.scope.as_ref().map_or_else(Vec::new, |s| s.kinds.clone()),
             record: self.record.clone(),
         };
         let json = serde_json::to_string(&metadata).expect("metadata has no map with keys other than strings");
@@ -262,6 +268,7 @@ impl Reader<'_> {
             matrices: matrices.chunks_exact((elements * rows).max(1)).map(<[f32]>::to_vec).collect(),
             mean_scaled_by_norm: metadata.mean_scaled_by_norm,
         };
+        let scope = self.scope(metadata.scope, points.points.len())?;
         let asset = Asset {
             name: metadata.name,
             mesh,
@@ -272,7 +279,18 @@ impl Reader<'_> {
             warnings: Vec::new(),
         };
         let basis = Basis { size, elements, components, values };
-        Ok(Model { asset, points, basis, transfer, record: metadata.record })
+        Ok(Model { asset, points, basis, transfer, scope, record: metadata.record })
+    }
+
+    fn scope(&self, kinds: Vec<String>, points: usize) -> Result<Option<Scope>, String> {
+        if kinds.is_empty() {
+            return Ok(None);
+        }
+        let (_, weights) = self.read::<f32>("scope", Dtype::F32, &[Is(kinds.len()), Is(2 * points + 1)])?;
+        if !weights.iter().all(|w| w.is_finite()) {
+            return Err("tensor scope is not finite".into());
+        }
+        Ok(Some(Scope { kinds, points, weights }))
     }
 
     fn mesh(&self, materials: usize) -> Result<Mesh, String> {

@@ -4,11 +4,13 @@ pub mod file;
 pub mod picture;
 pub mod record;
 pub mod render;
+pub mod scope;
 pub mod view;
 
 pub use file::ModelFileError;
 pub use picture::{Picture, PictureError};
-pub use record::{HeldOut, TrainingRecord};
+pub use record::{HeldOut, Separation, TrainingRecord};
+pub use scope::{Reading, Scope};
 pub use view::{Shown, View, ViewError};
 
 use crate::math::Rgb;
@@ -61,6 +63,8 @@ pub struct Model {
     pub points: MeasurementPoints,
     pub basis: Basis,
     pub transfer: Transfer,
+    /// What tells how far light is from what was trained on; none where nothing was there to tell it from.
+    pub scope: Option<Scope>,
     pub record: TrainingRecord,
 }
 

@@ -17,6 +17,16 @@ pub struct TrainingRecord {
     /// λ relative to trace(DDᵀ)/P.
     pub lambda: f64,
     pub held_out: HeldOut,
+    /// Per kind of light that the scenario does not have, the chance that one of them reads more novel than a held-out light.
+    pub separation: Vec<Separation>,
+}
+
+/// How well a model's [`super::Scope`] tells a kind of light from the scenario's held-out lights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Separation {
+    pub kind: String,
+    /// Area under the ROC curve, measured on lights of which nothing was fitted.
+    pub auc: f64,
 }
 
 /// Relative RMSE on conditions that training never saw, as fractions.

@@ -8,6 +8,7 @@ pub mod error;
 pub mod fit;
 pub mod gram;
 pub mod ridge;
+pub mod scope;
 
 use crate::dataset::ROWS;
 use crate::model::Channels;
@@ -15,6 +16,7 @@ use crate::model::Channels;
 pub use error::{ErrorSummary, HeldOutErrors};
 pub use fit::{Fit, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings};
 pub use gram::Gram;
+pub use scope::fit_scope;
 
 /// Bytes that training takes at most: the Gram matrix, and beside it what makes it, the fit (the weighted and the centred
 /// matrix, the eigenvectors, their copy in falling order and the solver's own), or the basis over texels and the model file.

@@ -10,7 +10,7 @@ use rand_pcg::Pcg64;
 use relight::light::Light;
 use relight::math::Rgb;
 use relight::measure::{MeasurementPoint, MeasurementPoints};
-use relight::model::{Basis, Channels, HeldOut, Model, TrainingRecord, Transfer, View};
+use relight::model::{Basis, Channels, HeldOut, Model, Scope, TrainingRecord, Transfer, View};
 use relight::scene::{Asset, Camera, Material, Mesh, Reflectance, Texture, TextureRef, Wrap};
 
 /// Texels on a side of the lightmap.
@@ -185,6 +185,11 @@ pub fn model(channels: Channels, elements: usize, mean_scaled_by_norm: bool) -> 
         points,
         basis: Basis { size: LIGHTMAP, elements, components, values },
         transfer: Transfer { channels, elements, points: count, matrices, mean_scaled_by_norm },
+        scope: Some(Scope {
+            kinds: vec!["point".into(), "sky".into()],
+            points: count,
+            weights: (0..2 * (2 * count + 1)).map(|_| rng.random::<f32>() - 0.5).collect(),
+        }),
         record: TrainingRecord {
             version: String::new(),
             scene: String::new(),
@@ -193,6 +198,7 @@ pub fn model(channels: Channels, elements: usize, mean_scaled_by_norm: bool) -> 
             dropped: 0,
             lambda: 0.0,
             held_out: HeldOut { conditions: 0, mean: 0.0, median: 0.0, worst: 0.0, oracle_mean: 0.0, noise: 0.0 },
+            separation: Vec::new(),
         },
     }
 }
