@@ -6,10 +6,13 @@
 mod block;
 mod brute;
 mod collapse;
+mod fans;
 mod lanes;
+mod pieces;
 mod ray;
 mod shadow;
 mod simd;
+mod simd16;
 #[cfg(test)]
 mod tests;
 mod wide;
@@ -40,7 +43,6 @@ pub struct Tracer<'a> {
     asset: &'a Asset,
     /// Whether each triangle's material cuts out where alpha is low.
     masked: Vec<bool>,
-    any_masked: bool,
     structure: Structure,
     /// Metres by which a ray's origin is moved off its surface.
     pub offset: f32,
@@ -76,10 +78,10 @@ impl<'a> Tracer<'a> {
             mesh.triangle_materials.iter().map(|&m| asset.materials[m as usize].alpha_cutoff.is_some()).collect();
         let extent = mesh.bounds().diagonal();
         let structure = match search {
-            Search::Brute => Structure::Brute(Brute::new(&triangles)),
+            Search::Brute => Structure::Brute(Brute::new(&triangles, &masked)),
             Search::Tree => Structure::Tree(WideBvh::new(&triangles)),
         };
-        Self { asset, any_masked: masked.contains(&true), masked, structure, offset: extent * RELATIVE_OFFSET, extent }
+        Self { asset, masked, structure, offset: extent * RELATIVE_OFFSET, extent }
     }
 
     pub fn asset(&self) -> &'a Asset {
@@ -87,25 +89,21 @@ impl<'a> Tracer<'a> {
     }
 
     /// The nearest hit with 0 < t < `t_max`.
+    #[inline]
     pub fn closest_hit(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
         let mut nearest = Nearest::below(t_max);
         match &self.structure {
-            Structure::Brute(brute) if !self.any_masked => brute.closest(origin, direction, &mut nearest),
-            Structure::Brute(brute) => {
-                brute.any(origin, direction, t_max, |hit| {
-                    nearest.update(hit, |h| self.solid(h));
-                    false
-                });
-            }
+            Structure::Brute(brute) => brute.closest(origin, direction, &mut nearest, |h| self.solid(h)),
             Structure::Tree(tree) => tree.closest(origin, direction, &mut nearest, |h| self.solid(h)),
         }
         (nearest.hit.t < t_max).then_some(nearest.hit)
     }
 
     /// Whether anything lies on the open segment from `origin` along `segment`.
+    #[inline]
     pub fn occluded(&self, origin: Vec3, segment: Vec3) -> bool {
         match &self.structure {
-            Structure::Brute(brute) => brute.any(origin, segment, SEGMENT_END, |hit| self.solid(&hit)),
+            Structure::Brute(brute) => brute.occluded(origin, segment, SEGMENT_END, |hit| self.solid(hit)),
             Structure::Tree(tree) => tree.occluded(origin, segment, SEGMENT_END, |hit| self.solid(hit)),
         }
     }
