@@ -1,4 +1,4 @@
-//! A small mesh, tested whole.
+//! A small mesh, tested whole: as [`Pieces`] first, and exactly, triangle by triangle, where those are unsure.
 
 use glam::Vec3;
 

@@ -1,7 +1,7 @@
 //! Ray tracing against the asset's triangles: one ray to its closest hit, and packets of shadow rays that share an origin.
 //!
-//! Small meshes are tested whole ([`brute`]), larger ones through a bounding volume hierarchy ([`wide`]); both test eight
-//! triangles at a time and find the same hits, to the bit.
+//! Small meshes are tested whole ([`brute`]), larger ones through a bounding volume hierarchy ([`wide`]). Both decide by the
+//! same exact test what is hit, so they find the same hits, but for rounding of where; neither has gaps between triangles.
 
 mod block;
 mod brute;
@@ -27,9 +27,10 @@ use self::wide::WideBvh;
 use super::{Aabb, Asset, Hit, Surface};
 use crate::math::LANES;
 
-/// Meshes of at most this many triangles are tested whole. Measured by `benches/trace.rs`: single rays and shadow packets for
-/// 128 lights break even with the trees between 120 and 250 triangles, one shadow packet an origin at about 60.
-const BRUTE_FORCE_LIMIT: usize = 128;
+/// Meshes of at most this many triangles are tested whole. Of triangles strewn at random, of which no two make a
+/// parallelogram, single rays break even with the trees above 240 triangles and shadow packets for 128 lights far above; of
+/// boxes, at 480. `benches/trace.rs` measures it.
+const BRUTE_FORCE_LIMIT: usize = 256;
 
 /// [`Tracer::offset`] over [`Tracer::extent`]. Positions carry a rounding error of about 1e-7 of the extent; this stays well
 /// above it and well below a texel.
@@ -50,7 +51,7 @@ pub struct Tracer<'a> {
     pub extent: f32,
 }
 
-/// How a tracer searches its triangles; the answers are the same.
+/// How a tracer searches its triangles; the answers are the same to within rounding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Search {
     /// All of them.

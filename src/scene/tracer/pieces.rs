@@ -5,10 +5,11 @@
 //! another in exact arithmetic is marked, and the exact test asked instead: what is left has no gaps either.
 //!
 //! How far they round, with u = 2⁻²⁴, R the distance of the ray's origin plus that of the furthest corner from zero, and a ray
-//! that meets the piece, so that |t·d| ≤ R: a function's value at the origin errs by at most 8u|∇|R, its slope by 8u|∇||d|,
-//! and t by 16u|∇g|R / |slope of g|, so u and v err by less than 48u R|d| / |slope of g|, where ∇g is scaled such that
-//! |∇g||∇u| and |∇g||∇v| ≤ 1. The exact test moves corners across the ray by up to 9uR, and [`PARALLEL`] allows them to be off
-//! the piece by 8uR, which is as much again of u and v. [`BAND`] is twice the sum of 65u.
+//! that meets the piece, so that |t·d| ≤ R: g at the origin errs by at most 8u|∇g|R, its slope by 8u|∇g||d|, so t by
+//! 16u|∇g|R / |slope of g|; the point met rounds by 4uR, and u and v there by 21u|∇|R. ∇g is scaled such that |∇g||∇u| and
+//! |∇g||∇v| are at most 1: u and v err by less than 48u R|d| / |slope of g|. The exact test moves corners across the ray by up
+//! to 9uR, and [`PARALLEL`] allows them to be off the piece by 8uR, which is as much again of u and v. [`BAND`] is about twice
+//! the sum of 65u.
 
 use glam::{DVec3, Vec3};
 
@@ -34,8 +35,8 @@ pub struct Pieces {
 pub struct Block {
     /// `[u, v, g][x, y, z, 1][lane]`: a piece is where |u| and |v| are at most 1, g is 0, and u + v at most `limit`.
     functions: [[[f32; LANES]; 4]; 3],
-    /// 2 for a parallelogram, which is a limit to none, and 0 for a triangle.
-    limit: [f32; LANES],
+    /// Half the limit: 1 for a parallelogram, which is a limit to none, and 0 for a triangle.
+    half_limit: [f32; LANES],
     /// Bit i is set where piece i is a triangle.
     pub triangles: u32,
     /// Bit i is set where there is a piece i.
@@ -93,7 +94,7 @@ impl Pieces {
             // Where there is no piece g is 0 everywhere, which no ray meets.
             let mut block = Block {
                 functions: [[[0.0; LANES]; 4]; 3],
-                limit: [0.0; LANES],
+                half_limit: [0.0; LANES],
                 triangles: 0,
                 present: 0,
                 halves: Default::default(),
@@ -102,7 +103,7 @@ impl Pieces {
                 for (f, i) in (0..3).flat_map(|f| (0..4).map(move |i| (f, i))) {
                     block.functions[f][i][lane] = functions[f][i];
                 }
-                block.limit[lane] = if piece.second.is_some() { 2.0 } else { 0.0 };
+                block.half_limit[lane] = if piece.second.is_some() { 1.0 } else { 0.0 };
                 block.triangles |= u32::from(piece.second.is_none()) << lane;
                 block.present |= 1 << lane;
                 block.halves[lane] = piece.halves();
@@ -140,7 +141,7 @@ impl Pieces {
         let lane = t.at_most(F32x16::splat(best)).bits().trailing_zeros() as usize % LANES;
         let block = &self.blocks[block_of.to_array()[lane].to_bits() as usize];
         let (u, v) = (u.to_array()[lane], v.to_array()[lane]);
-        let margin = (1.0 - u.abs().max(v.abs())).min(0.5 * (block.limit[lane] - (u + v)));
+        let margin = (1.0 - u.abs().max(v.abs())).min(block.half_limit[lane] - 0.5 * (u + v));
         if margin <= per_slope.to_array()[lane].abs() * k.to_array()[0] {
             return Answer::Unsure;
         }
@@ -184,14 +185,13 @@ struct Met {
 impl Block {
     #[inline(always)]
     fn meet(&self, o: &[F32x16; 3], d: &[F32x16; 3]) -> Met {
-        let (u0, v0, g0) = (self.value(0, o), self.value(1, o), self.value(2, o));
-        let [du, dv, dg] = [dot(&self.gradient(0), d), dot(&self.gradient(1), d), dot(&self.gradient(2), d)];
-        let per_slope = F32x16::splat(-1.0) / dg;
-        let t = g0 * per_slope;
-        let (u, v) = (du.mul_add(t, u0), dv.mul_add(t, v0));
-        let half = F32x16::splat(0.5);
+        let per_slope = F32x16::splat(-1.0) / dot(&self.gradient(2), d);
+        let t = self.value(2, o) * per_slope;
+        let at = [d[0].mul_add(t, o[0]), d[1].mul_add(t, o[1]), d[2].mul_add(t, o[2])];
+        let (u, v) = (self.value(0, &at), self.value(1, &at));
         let within = F32x16::splat(1.0) - u.abs().max(v.abs());
-        Met { t, u, v, margin: within.min((F32x16::load(&self.limit) - (u + v)) * half), per_slope }
+        let below_limit = (u + v).neg_mul_add(F32x16::splat(0.5), F32x16::load(&self.half_limit));
+        Met { t, u, v, margin: within.min(below_limit), per_slope }
     }
 
     #[inline(always)]
