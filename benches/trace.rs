@@ -26,11 +26,11 @@ const PASSES: usize = 5;
 /// Lights that shadow rays from one origin go to.
 const LIGHTS: [usize; 4] = [1, 16, 128, 1024];
 /// Larger meshes are not tested whole.
-const BOTH_WAYS: usize = 300;
+const BOTH_WAYS: usize = 600;
 
 fn main() {
     let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
-    let mut assets: Vec<Asset> = [5, 10, 21].map(boxes).into();
+    let mut assets: Vec<Asset> = [10, 21, 42].map(boxes).into();
     assets.extend(MESHES.iter().filter(|name| wanted.is_empty() || wanted.iter().any(|w| w == *name)).map(|n| mesh(n)));
     assets.retain(|asset| wanted.is_empty() || wanted.contains(&asset.name));
     assets.sort_by_key(|asset| asset.mesh.triangles.len());

@@ -1,24 +1,31 @@
-//! A small mesh, tested whole.
+//! A small mesh, tested whole: as [`Pieces`] first, and exactly, triangle by triangle, where those are unsure.
 
 use glam::Vec3;
 
 use super::block::{Areas, Corner, Nearest};
 use super::lanes::lanes;
+use super::pieces::{Answer, Pieces};
 use super::ray::ShearedRay;
 use super::simd::{F32x8, WIDTH};
 use crate::scene::Hit;
 
-/// All triangles in their order, WIDTH at a time.
+/// All triangles.
 pub struct Brute {
+    /// Those that are solid wherever they are hit.
+    pub pieces: Pieces,
+    /// Whether there are others.
+    pub any_masked: bool,
+    /// All in their order, WIDTH at a time, for the exact test.
     blocks: Vec<Corners>,
 }
 
 /// WIDTH triangles, structure of arrays: `[corner][axis][lane]`, metres.
 #[repr(align(64))]
-pub struct Corners([[[f32; WIDTH]; 3]; 3]);
+struct Corners([[[f32; WIDTH]; 3]; 3]);
 
 impl Brute {
-    pub fn new(triangles: &[[Vec3; 3]]) -> Self {
+    /// `masked`: per triangle, whether it is not solid everywhere.
+    pub fn new(triangles: &[[Vec3; 3]], masked: &[bool]) -> Self {
         let block = |triangles: &[[Vec3; 3]]| {
             // No ray hits a triangle that is not a number.
             let mut corners = [[[f32::NAN; WIDTH]; 3]; 3];
@@ -29,45 +36,42 @@ impl Brute {
             }
             Corners(corners)
         };
-        Self { blocks: triangles.chunks(WIDTH).map(block).collect() }
+        Self {
+            pieces: Pieces::new(triangles, |t| !masked[t]),
+            any_masked: masked.contains(&true),
+            blocks: triangles.chunks(WIDTH).map(block).collect(),
+        }
     }
 
-    /// Brings `nearest` up to date. No branch depends on where the ray goes before all triangles are tested: at this size
-    /// mispredictions would cost more than the tests.
+    /// Brings `nearest` up to date.
     #[inline]
-    pub fn closest(&self, origin: Vec3, direction: Vec3, nearest: &mut Nearest) {
-        let ray = ShearedRay::new(origin, direction);
-        let mut t = F32x8::splat(nearest.hit.t);
-        let mut block_of = F32x8::splat(0.0);
-        let [mut b, mut c, mut sum] = [F32x8::splat(0.0); 3];
-        for (i, block) in self.blocks.iter().enumerate() {
-            let (areas, distance) = block.meet(&ray);
-            let zero = F32x8::splat(0.0);
-            // Of equal distances the first triangle's is kept.
-            let nearer =
-                zero.lanes_at_most(areas.agreement()).and(zero.lanes_below(distance)).and(distance.lanes_below(t));
-            t = t.replace(distance, nearer);
-            // Exact: a mesh of so many blocks is not tested whole.
-            block_of = block_of.replace(F32x8::splat(i as f32), nearer);
-            b = b.replace(areas.b, nearer);
-            c = c.replace(areas.c, nearer);
-            sum = sum.replace(areas.sum, nearer);
+    pub fn closest(&self, origin: Vec3, direction: Vec3, nearest: &mut Nearest, solid: impl Fn(&Hit) -> bool + Copy) {
+        match self.pieces.closest(origin, direction, nearest.hit.t) {
+            Answer::Nothing if !self.any_masked => {}
+            Answer::Hit(hit) if !self.any_masked => nearest.hit = hit,
+            _ => {
+                self.any_exactly(origin, direction, nearest.hit.t, |hit| {
+                    nearest.update(hit, solid);
+                    false
+                });
+            }
         }
-        let (found, best) = (t.below(F32x8::splat(nearest.hit.t)), t.least());
-        if found == 0 {
-            return;
+    }
+
+    /// Whether any hit with 0 < t < `t_max` is solid.
+    #[inline]
+    pub fn occluded(&self, origin: Vec3, direction: Vec3, t_max: f32, solid: impl Fn(&Hit) -> bool) -> bool {
+        match self.pieces.any(origin, direction, t_max) {
+            Some(true) => true,
+            Some(false) if !self.any_masked => false,
+            _ => self.any_exactly(origin, direction, t_max, |hit| solid(&hit)),
         }
-        let block_of = block_of.to_array();
-        let index = |lane: usize| block_of[lane] as usize * WIDTH + lane;
-        let lane = lanes(t.at_most(F32x8::splat(best))).min_by_key(|&lane| index(lane)).expect("a lane has the least");
-        let sum = sum.to_array()[lane];
-        let (u, v) = (b.to_array()[lane] / sum, c.to_array()[lane] / sum);
-        nearest.hit = Hit { t: best, triangle: index(lane) as u32, u, v };
     }
 
     /// Hands the hits with 0 < t < `t_max` to `visit`, in no order, until it returns true; whether it did.
-    #[inline]
-    pub fn any(&self, origin: Vec3, direction: Vec3, t_max: f32, mut visit: impl FnMut(Hit) -> bool) -> bool {
+    #[cold]
+    #[inline(never)]
+    pub fn any_exactly(&self, origin: Vec3, direction: Vec3, t_max: f32, mut visit: impl FnMut(Hit) -> bool) -> bool {
         let ray = ShearedRay::new(origin, direction);
         let zero = F32x8::splat(0.0);
         self.blocks.iter().enumerate().any(|(i, block)| {
@@ -81,22 +85,9 @@ impl Brute {
             met != 0 && lanes(met).any(|lane| visit(hit(lane)))
         })
     }
-
-    pub fn blocks(&self) -> &[Corners] {
-        &self.blocks
-    }
 }
 
 impl Corners {
-    /// The corners relative to `origin`: `[corner][axis]`.
-    #[inline(always)]
-    pub fn from(&self, origin: &[F32x8; 3]) -> [[F32x8; 3]; 3] {
-        let relative = |[x, y, z]: &[[f32; WIDTH]; 3]| {
-            [F32x8::load(x) - origin[0], F32x8::load(y) - origin[1], F32x8::load(z) - origin[2]]
-        };
-        [relative(&self.0[0]), relative(&self.0[1]), relative(&self.0[2])]
-    }
-
     #[inline(always)]
     fn meet(&self, ray: &ShearedRay) -> (Areas, F32x8) {
         let [(a, az), (b, bz), (c, cz)] = [self.sheared(0, ray), self.sheared(1, ray), self.sheared(2, ray)];

@@ -1,15 +1,18 @@
 //! Ray tracing against the asset's triangles: one ray to its closest hit, and packets of shadow rays that share an origin.
 //!
-//! Small meshes are tested whole ([`brute`]), larger ones through a bounding volume hierarchy ([`wide`]); both test eight
-//! triangles at a time and find the same hits, to the bit.
+//! Small meshes are tested whole ([`brute`]), larger ones through a bounding volume hierarchy ([`wide`]). Both decide by the
+//! same exact test what is hit, so they find the same hits, but for rounding of where; neither has gaps between triangles.
 
 mod block;
 mod brute;
 mod collapse;
+mod fans;
 mod lanes;
+mod pieces;
 mod ray;
 mod shadow;
 mod simd;
+mod simd16;
 #[cfg(test)]
 mod tests;
 mod wide;
@@ -24,9 +27,10 @@ use self::wide::WideBvh;
 use super::{Aabb, Asset, Hit, Surface};
 use crate::math::LANES;
 
-/// Meshes of at most this many triangles are tested whole. Measured by `benches/trace.rs`: single rays and shadow packets for
-/// 128 lights break even with the trees between 120 and 250 triangles, one shadow packet an origin at about 60.
-const BRUTE_FORCE_LIMIT: usize = 128;
+/// Meshes of at most this many triangles are tested whole. Of triangles strewn at random, of which no two make a
+/// parallelogram, single rays break even with the trees above 240 triangles and shadow packets for 128 lights far above; of
+/// boxes, at 480. `benches/trace.rs` measures it.
+const BRUTE_FORCE_LIMIT: usize = 256;
 
 /// [`Tracer::offset`] over [`Tracer::extent`]. Positions carry a rounding error of about 1e-7 of the extent; this stays well
 /// above it and well below a texel.
@@ -40,7 +44,6 @@ pub struct Tracer<'a> {
     asset: &'a Asset,
     /// Whether each triangle's material cuts out where alpha is low.
     masked: Vec<bool>,
-    any_masked: bool,
     structure: Structure,
     /// Metres by which a ray's origin is moved off its surface.
     pub offset: f32,
@@ -48,7 +51,7 @@ pub struct Tracer<'a> {
     pub extent: f32,
 }
 
-/// How a tracer searches its triangles; the answers are the same.
+/// How a tracer searches its triangles; the answers are the same to within rounding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Search {
     /// All of them.
@@ -76,10 +79,10 @@ impl<'a> Tracer<'a> {
             mesh.triangle_materials.iter().map(|&m| asset.materials[m as usize].alpha_cutoff.is_some()).collect();
         let extent = mesh.bounds().diagonal();
         let structure = match search {
-            Search::Brute => Structure::Brute(Brute::new(&triangles)),
+            Search::Brute => Structure::Brute(Brute::new(&triangles, &masked)),
             Search::Tree => Structure::Tree(WideBvh::new(&triangles)),
         };
-        Self { asset, any_masked: masked.contains(&true), masked, structure, offset: extent * RELATIVE_OFFSET, extent }
+        Self { asset, masked, structure, offset: extent * RELATIVE_OFFSET, extent }
     }
 
     pub fn asset(&self) -> &'a Asset {
@@ -87,25 +90,21 @@ impl<'a> Tracer<'a> {
     }
 
     /// The nearest hit with 0 < t < `t_max`.
+    #[inline]
     pub fn closest_hit(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Hit> {
         let mut nearest = Nearest::below(t_max);
         match &self.structure {
-            Structure::Brute(brute) if !self.any_masked => brute.closest(origin, direction, &mut nearest),
-            Structure::Brute(brute) => {
-                brute.any(origin, direction, t_max, |hit| {
-                    nearest.update(hit, |h| self.solid(h));
-                    false
-                });
-            }
+            Structure::Brute(brute) => brute.closest(origin, direction, &mut nearest, |h| self.solid(h)),
             Structure::Tree(tree) => tree.closest(origin, direction, &mut nearest, |h| self.solid(h)),
         }
         (nearest.hit.t < t_max).then_some(nearest.hit)
     }
 
     /// Whether anything lies on the open segment from `origin` along `segment`.
+    #[inline]
     pub fn occluded(&self, origin: Vec3, segment: Vec3) -> bool {
         match &self.structure {
-            Structure::Brute(brute) => brute.any(origin, segment, SEGMENT_END, |hit| self.solid(&hit)),
+            Structure::Brute(brute) => brute.occluded(origin, segment, SEGMENT_END, |hit| self.solid(hit)),
             Structure::Tree(tree) => tree.occluded(origin, segment, SEGMENT_END, |hit| self.solid(hit)),
         }
     }

@@ -1,13 +1,11 @@
 //! Shadow rays that share an origin.
 //!
-//! Of a small mesh, a triangle seen from there is three planes and a volume, which serve all rays; those that cannot part the
-//! origin from any light are left out. Planes that share an edge differ in sign alone, so no ray slips between two triangles,
-//! but for one that meets a vertex to within rounding. In a large mesh, rays visit nodes together.
+//! A small mesh is looked at from there once, for all rays ([`super::fans`]). In a large mesh, rays visit nodes together.
 
 use glam::Vec3;
 
-use super::brute::Brute;
-use super::lanes::{lanes, mask_of};
+use super::fans::Fans;
+use super::lanes::lanes;
 use super::ray::{SLACK, ShearedRay, inverse_of};
 use super::simd::{F32x8, WIDTH};
 use super::wide::{Child, WideBvh};
@@ -20,10 +18,9 @@ pub struct ShadowRays<'t, 'a> {
     tracer: &'t Tracer<'a>,
     targets: Option<Aabb>,
     origin: Vec3,
-    /// The triangles that can lie between the origin and a target, for a mesh that is tested whole; `None` until they are
-    /// asked for.
-    fans: Option<Vec<(u32, Fan)>>,
-    spare: Vec<(u32, Fan)>,
+    /// Of a mesh that is tested whole, as seen from the origin, once it has been asked for.
+    fans: Fans,
+    seen: bool,
     stack: Vec<(Child, u32)>,
 }
 
@@ -32,196 +29,40 @@ const FEW: u32 = 2;
 
 impl<'t, 'a> ShadowRays<'t, 'a> {
     pub(super) fn new(tracer: &'t Tracer<'a>, targets: Option<Aabb>) -> Self {
-        Self { tracer, targets, origin: Vec3::ZERO, fans: None, spare: Vec::new(), stack: Vec::new() }
+        Self { tracer, targets, origin: Vec3::ZERO, fans: Fans::default(), seen: false, stack: Vec::new() }
     }
 
     /// Moves the common origin.
     pub fn start_from(&mut self, origin: Vec3) {
         self.origin = origin;
-        if let Some(fans) = self.fans.take() {
-            self.spare = fans;
-        }
+        self.seen = false;
     }
 
     /// The lanes of `active` whose segment nothing crosses.
     #[inline]
     pub fn unoccluded(&mut self, segments: &Segments, active: u32) -> u32 {
+        let segment = |ray: usize| Vec3::new(segments[0][ray], segments[1][ray], segments[2][ray]);
         match &self.tracer.structure {
-            Structure::Brute(brute) if self.fans.is_none() && active.count_ones() <= FEW => {
-                self.unoccluded_at_once(brute, segments, active)
+            Structure::Brute(_) if !self.seen && active.count_ones() <= FEW => lanes(active)
+                .filter(|&ray| !self.tracer.occluded(self.origin, segment(ray)))
+                .fold(0, |m, ray| m | 1 << ray),
+            Structure::Brute(brute) => {
+                if !self.seen {
+                    self.fans.see(&brute.pieces, self.origin, self.targets.as_ref());
+                    self.seen = true;
+                }
+                let (hidden, near) = self.fans.hide(segments);
+                let open = active & !hidden;
+                let unsure = if brute.any_masked { open } else { open & near };
+                let solid = |hit: Hit| self.tracer.solid(&hit);
+                lanes(unsure)
+                    .filter(|&ray| brute.any_exactly(self.origin, segment(ray), SEGMENT_END, solid))
+                    .fold(open, |open, ray| open & !(1 << ray))
             }
-            Structure::Brute(_) => self.unoccluded_by_all(segments, active),
             Structure::Tree(tree) => {
                 tree.unoccluded(&mut self.stack, self.origin, segments, active, |hit| self.tracer.solid(hit))
             }
         }
-    }
-
-    /// Sees each triangle once, and says the same.
-    fn unoccluded_at_once(&self, brute: &Brute, segments: &Segments, active: u32) -> u32 {
-        let origin = self.origin.to_array().map(F32x8::splat);
-        let mut open = active;
-        for (i, block) in brute.blocks().iter().enumerate() {
-            let fan = WideFan::new(&block.from(&origin));
-            for ray in lanes(open) {
-                let segment = Vec3::new(segments[0][ray], segments[1][ray], segments[2][ray]);
-                let solid = |lane: usize| {
-                    let triangle = (i * WIDTH + lane) as u32;
-                    !self.tracer.masked[triangle as usize]
-                        || self.tracer.present_at(triangle, &fan.narrow(lane).planes, segment)
-                };
-                if lanes(fan.block(&segment.to_array().map(F32x8::splat))).any(solid) {
-                    open &= !(1 << ray);
-                }
-            }
-        }
-        open
-    }
-
-    fn unoccluded_by_all(&mut self, segments: &Segments, active: u32) -> u32 {
-        let fans = match self.fans.take() {
-            Some(fans) => fans,
-            None => self.see_all(),
-        };
-        let open = if self.tracer.any_masked {
-            fans.iter().fold(active, |open, (triangle, fan)| {
-                let mut blocked = [false; LANES];
-                fan.block(segments, &mut blocked);
-                let solid = |&lane: &usize| {
-                    let segment = Vec3::new(segments[0][lane], segments[1][lane], segments[2][lane]);
-                    !self.tracer.masked[*triangle as usize] || self.tracer.present_at(*triangle, &fan.planes, segment)
-                };
-                open & !lanes(mask_of(&blocked) & open).filter(solid).fold(0, |mask, lane| mask | 1 << lane)
-            })
-        } else {
-            let mut blocked = [false; LANES];
-            fans.iter().for_each(|(_, fan)| fan.block(segments, &mut blocked));
-            active & !mask_of(&blocked)
-        };
-        self.fans = Some(fans);
-        open
-    }
-
-    /// The fans of all triangles that can hide a target from the origin.
-    fn see_all(&mut self) -> Vec<(u32, Fan)> {
-        let mut fans = std::mem::take(&mut self.spare);
-        fans.clear();
-        let Structure::Brute(brute) = &self.tracer.structure else { return fans };
-        let origin = self.origin.to_array().map(F32x8::splat);
-        for (i, block) in brute.blocks().iter().enumerate() {
-            let corners = block.from(&origin);
-            let wide = WideFan::new(&corners);
-            let parting = match &self.targets {
-                Some(targets) => wide.parts(&corners, self.origin, targets),
-                None => (1 << WIDTH) - 1,
-            };
-            let count = (self.tracer.masked.len() - i * WIDTH).min(WIDTH);
-            for lane in lanes(parting & ((1 << count) - 1)) {
-                fans.push(((i * WIDTH + lane) as u32, wide.narrow(lane)));
-            }
-        }
-        fans
-    }
-}
-
-impl Tracer<'_> {
-    /// Whether a masked triangle is there where `segment` crosses it.
-    fn present_at(&self, triangle: u32, planes: &[Vec3; 3], segment: Vec3) -> bool {
-        let [a, b, c] = planes.map(|plane| plane.dot(segment));
-        let sum = a + b + c;
-        !self.asset.is_cut_out(triangle as usize, b / sum, c / sum)
-    }
-}
-
-/// A triangle as seen from one origin: the planes through the origin and each edge, facing inwards when the volume is positive.
-struct Fan {
-    planes: [Vec3; 3],
-    /// Six times the volume of the tetrahedron that the origin spans with the triangle.
-    volume: f32,
-}
-
-impl Fan {
-    /// Sets the lanes whose segment crosses the triangle.
-    #[inline]
-    fn block(&self, s: &Segments, blocked: &mut [bool; LANES]) {
-        let [p, q, r] = &self.planes;
-        for i in 0..LANES {
-            let (x, y, z) = (s[0][i], s[1][i], s[2][i]);
-            let wa = x * p.x + y * p.y + z * p.z;
-            let wb = x * q.x + y * q.y + z * q.z;
-            let wc = x * r.x + y * r.y + z * r.z;
-            let sum = wa + wb + wc;
-            let inside = (wa >= 0.0) & (wb >= 0.0) & (wc >= 0.0) | (wa <= 0.0) & (wb <= 0.0) & (wc <= 0.0);
-            // 0 < volume / sum < SEGMENT_END without dividing.
-            let near = (self.volume * sum > 0.0) & (self.volume.abs() < SEGMENT_END * sum.abs());
-            blocked[i] |= inside & near;
-        }
-    }
-}
-
-/// WIDTH fans: `[edge][axis]`. The planes of triangles that share an edge differ in sign alone.
-struct WideFan {
-    planes: [[F32x8; 3]; 3],
-    volume: F32x8,
-}
-
-#[inline(always)]
-fn cross([ax, ay, az]: &[F32x8; 3], [bx, by, bz]: &[F32x8; 3]) -> [F32x8; 3] {
-    [*ay * *bz - *az * *by, *az * *bx - *ax * *bz, *ax * *by - *ay * *bx]
-}
-
-/// In the order of [`Fan::block`], and rounded as often.
-#[inline(always)]
-fn dot([ax, ay, az]: &[F32x8; 3], [bx, by, bz]: &[F32x8; 3]) -> F32x8 {
-    *ax * *bx + *ay * *by + *az * *bz
-}
-
-#[inline(always)]
-fn difference([ax, ay, az]: &[F32x8; 3], [bx, by, bz]: &[F32x8; 3]) -> [F32x8; 3] {
-    [*ax - *bx, *ay - *by, *az - *bz]
-}
-
-impl WideFan {
-    /// Of triangles whose corners are given relative to the origin.
-    #[inline(always)]
-    fn new([a, b, c]: &[[F32x8; 3]; 3]) -> Self {
-        Self {
-            planes: [cross(b, c), cross(c, a), cross(a, b)],
-            volume: dot(a, &cross(&difference(b, a), &difference(c, a))),
-        }
-    }
-
-    /// The triangles whose planes have any of `targets` on the far side from the origin; others hide none of them.
-    #[inline(always)]
-    fn parts(&self, [a, b, c]: &[[F32x8; 3]; 3], origin: Vec3, targets: &Aabb) -> u32 {
-        let splat = |v: Vec3| v.to_array().map(F32x8::splat);
-        let absolute = |[x, y, z]: [F32x8; 3]| [x.abs(), y.abs(), z.abs()];
-        let normal = cross(&difference(b, a), &difference(c, a));
-        let size = absolute(normal);
-        let centre = difference(&splat(targets.centre() - origin), a);
-        let reach = dot(&size, &splat((targets.max - targets.min) * 0.5));
-        // The plane's signed distance is −volume at the origin, within `reach` of normal·centre over the targets.
-        let side = dot(&normal, &centre).negate_where_negative(self.volume);
-        let slack = (dot(&size, &absolute(centre)) + dot(&size, &absolute(*a))) * F32x8::splat(1e-5);
-        F32x8::splat(0.0).below(side + reach + slack)
-    }
-
-    #[inline(always)]
-    fn narrow(&self, lane: usize) -> Fan {
-        let planes = self.planes.map(|[x, y, z]| Vec3::new(x.to_array()[lane], y.to_array()[lane], z.to_array()[lane]));
-        Fan { planes, volume: self.volume.to_array()[lane] }
-    }
-
-    /// The triangles that the segment crosses; see [`Fan::block`].
-    #[inline(always)]
-    fn block(&self, segment: &[F32x8; 3]) -> u32 {
-        let [a, b, c] = [dot(segment, &self.planes[0]), dot(segment, &self.planes[1]), dot(segment, &self.planes[2])];
-        let sum = a + b + c;
-        let agree = |part: F32x8| part.negate_where_negative(sum);
-        let zero = F32x8::splat(0.0);
-        zero.at_most(agree(a).min(agree(b)).min(agree(c)))
-            & zero.below(self.volume * sum)
-            & self.volume.abs().below(sum.abs() * F32x8::splat(SEGMENT_END))
     }
 }
 

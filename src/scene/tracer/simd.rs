@@ -7,6 +7,8 @@
 pub const WIDTH: usize = 8;
 
 pub use lanes::F32x8;
+#[cfg(not(all(target_arch = "x86_64", target_feature = "avx512f")))]
+pub use lanes::Mask;
 
 #[cfg(all(target_arch = "x86_64", target_feature = "avx2", target_feature = "fma"))]
 mod lanes {
@@ -17,17 +19,6 @@ mod lanes {
 
     #[derive(Clone, Copy)]
     pub struct F32x8(__m256);
-
-    /// Lanes for which something holds.
-    #[derive(Clone, Copy)]
-    pub struct Mask(__m256);
-
-    impl Mask {
-        #[inline(always)]
-        pub fn and(self, other: Self) -> Self {
-            Self(unsafe { _mm256_and_ps(self.0, other.0) })
-        }
-    }
 
     // SAFETY, of every block below: this module is compiled only where the whole program is built for a processor with AVX
     // and FMA, which is all that the intrinsics ask for; loads and stores go through references to eight floats.
@@ -95,6 +86,45 @@ mod lanes {
             a.mul_sub(b, product) - error
         }
 
+        /// Bit i is set where lane i is at most the other's.
+        #[inline(always)]
+        pub fn at_most(self, other: Self) -> u32 {
+            unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(self.0, other.0)) as u32 }
+        }
+
+        /// Bit i is set where lane i is below the other's.
+        #[inline(always)]
+        pub fn below(self, other: Self) -> u32 {
+            unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0)) as u32 }
+        }
+
+        /// Changes the sign of the lanes where that of `signs` is set.
+        #[inline(always)]
+        pub fn negate_where_negative(self, signs: Self) -> Self {
+            unsafe { Self(_mm256_xor_ps(self.0, _mm256_and_ps(signs.0, _mm256_set1_ps(-0.0)))) }
+        }
+    }
+
+    /// Lanes for which something holds.
+    #[derive(Clone, Copy)]
+    #[cfg_attr(target_feature = "avx512f", allow(dead_code, reason = "F32x16 needs them where it is a pair"))]
+    pub struct Mask(__m256);
+
+    #[cfg_attr(target_feature = "avx512f", allow(dead_code, reason = "F32x16 needs them where it is a pair"))]
+    impl Mask {
+        #[inline(always)]
+        pub fn and(self, other: Self) -> Self {
+            Self(unsafe { _mm256_and_ps(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        pub fn bits(self) -> u32 {
+            unsafe { _mm256_movemask_ps(self.0) as u32 }
+        }
+    }
+
+    #[cfg_attr(target_feature = "avx512f", allow(dead_code, reason = "F32x16 needs them where it is a pair"))]
+    impl F32x8 {
         #[inline(always)]
         pub fn abs(self) -> Self {
             Self(unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0) })
@@ -103,7 +133,11 @@ mod lanes {
         /// The smallest lane; none is NaN.
         #[inline(always)]
         pub fn least(self) -> f32 {
-            self.to_array().into_iter().reduce(f32::min).unwrap_or(f32::INFINITY)
+            unsafe {
+                let four = _mm_min_ps(_mm256_castps256_ps128(self.0), _mm256_extractf128_ps::<1>(self.0));
+                let two = _mm_min_ps(four, _mm_movehl_ps(four, four));
+                _mm_cvtss_f32(_mm_min_ss(two, _mm_movehdup_ps(two)))
+            }
         }
 
         /// The lanes that are at most the other's.
@@ -122,24 +156,6 @@ mod lanes {
         #[inline(always)]
         pub fn replace(self, other: Self, mask: Mask) -> Self {
             Self(unsafe { _mm256_blendv_ps(self.0, other.0, mask.0) })
-        }
-
-        /// Bit i is set where lane i is at most the other's.
-        #[inline(always)]
-        pub fn at_most(self, other: Self) -> u32 {
-            unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(self.0, other.0)) as u32 }
-        }
-
-        /// Bit i is set where lane i is below the other's.
-        #[inline(always)]
-        pub fn below(self, other: Self) -> u32 {
-            unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0)) as u32 }
-        }
-
-        /// Changes the sign of the lanes where that of `signs` is set.
-        #[inline(always)]
-        pub fn negate_where_negative(self, signs: Self) -> Self {
-            unsafe { Self(_mm256_xor_ps(self.0, _mm256_and_ps(signs.0, _mm256_set1_ps(-0.0)))) }
         }
     }
 
@@ -197,7 +213,7 @@ mod lanes {
         }
 
         #[inline(always)]
-        fn bits(self) -> u32 {
+        pub fn bits(self) -> u32 {
             (0..WIDTH).fold(0, |bits, i| bits | u32::from(self.0[i]) << i)
         }
     }

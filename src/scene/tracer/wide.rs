@@ -90,7 +90,7 @@ const USUAL_STACK: usize = 128;
 
 impl WideBvh {
     /// Brings `nearest` up to date.
-    #[inline]
+    #[inline(never)]
     pub fn closest(&self, origin: Vec3, direction: Vec3, nearest: &mut Nearest, solid: impl Fn(&Hit) -> bool + Copy) {
         if self.stack <= USUAL_STACK {
             self.closest_with(&mut [Pending::default(); USUAL_STACK], origin, direction, nearest, solid);
@@ -175,7 +175,7 @@ impl WideBvh {
     }
 
     /// Whether any hit with 0 < t < `t_max` is solid.
-    #[inline(always)]
+    #[inline(never)]
     pub fn occluded(&self, origin: Vec3, direction: Vec3, t_max: f32, solid: impl Fn(&Hit) -> bool + Copy) -> bool {
         if self.stack <= USUAL_STACK {
             self.occluded_with(&mut [Child::default(); USUAL_STACK], origin, direction, t_max, solid)
