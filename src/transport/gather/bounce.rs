@@ -27,6 +27,10 @@ pub struct Bounced {
 /// Separates these samples from those of the final gather.
 const PATCH_STREAM: u64 = 0x0070_6174_6368;
 
+/// Paths of a texel for each ray of a patch: what patches send each other meets in many texels. On the Cornell box the error
+/// with 2 is that with 1; with 4 it is 1 % of itself higher.
+const PATHS_PER_RAY: u32 = 2;
+
 /// Light that has faded to this share of the first bounce's is not bounced on.
 const FADED: f32 = 1e-3;
 
@@ -44,7 +48,7 @@ impl Bounced {
         let width = 3 * columns;
         let own = patch_means(patches, &direct.light);
         progress.begin("bounce", patches.len() as u64, "patches");
-        let samples = SampleTable::new(settings.seed ^ PATCH_STREAM, settings.paths);
+        let samples = SampleTable::new(settings.seed ^ PATCH_STREAM, (settings.paths / PATHS_PER_RAY).max(1));
         // A path that has used its bounces up to here still takes the one to the texel.
         let walk = Walk { max_bounces: settings.max_bounces.saturating_sub(1), ..*walk };
         let mut once = vec![0f32; patches.len() * width];
