@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::proximity::Proximity;
 use super::texels::{CELLS, Cells, WHOLE, set_bits};
 use super::uv_check::charts;
-use super::{Aabb, Fragment, Lightmap, Mesh, TexelSampler, Tracer};
+use super::{Aabb, Fragment, Lightmap, Mesh, Surface, TexelSampler, Tracer};
 use crate::math::{Frame, Sampler, warp};
 
 /// Height above the surface at which it is asked what cuts a texel, relative to the texel's diagonal: things lower than
@@ -147,7 +147,7 @@ impl Judge<'_, '_> {
         let own = self.lightmap.triangles(t);
         let mut obstacles = Vec::new();
         self.proximity.for_each_near(&bounds, |candidate| {
-            if own.binary_search(&candidate).is_ok() || self.is_cut_out(candidate) {
+            if own.binary_search(&candidate).is_ok() || self.tracer.asset().may_be_cut_out(candidate as usize) {
                 return;
             }
             let corners = self.mesh.triangle_positions(candidate as usize);
@@ -181,40 +181,12 @@ impl Judge<'_, '_> {
         (0..CELLS * CELLS).filter_map(cell).collect()
     }
 
-    /// Whether a solid encloses the surface that `points` draws from: paths from it end on backs of one-sided surfaces. A
-    /// path goes on where it meets a front, which may lie in the solid, too; one that leaves the scene or meets a
-    /// two-sided surface is in the open.
+    /// Whether a solid encloses the surface that `points` draws from.
     fn is_buried(&self, points: &TexelSampler, stream: u64) -> bool {
-        let asset = self.tracer.asset();
-        let mut open = 0;
-        for path in 0..PATHS {
-            let mut sampler = Sampler::new(SEED, stream, path);
-            let [u0, u1, ..] = sampler.next_4d();
-            let point = points.sample([u0, u1]);
-            let mut from = asset.surface(point.triangle as usize, point.u, point.v, Vec3::ZERO);
-            let mut enclosed = false;
-            for _ in 0..=MAX_BOUNCES {
-                let [u0, u1, ..] = sampler.next_4d();
-                let local = warp::sample_cosine_hemisphere(Vec2::new(u0, u1));
-                let direction = Frame::from_normal(from.geometric_normal).world_from_local(local);
-                let origin = self.tracer.leave(&from, direction);
-                let Some(hit) = self.tracer.closest_hit(origin, direction, f32::INFINITY) else { break };
-                let material = self.mesh.triangle_materials[hit.triangle as usize];
-                if asset.materials[material as usize].double_sided {
-                    break;
-                }
-                from = self.tracer.surface(&hit, direction);
-                if from.back {
-                    enclosed = true;
-                    break;
-                }
-            }
-            open += u32::from(!enclosed);
-            if open > MOST_OPEN {
-                return false;
-            }
-        }
-        true
+        is_enclosed(self.tracer, stream, |u| {
+            let point = points.sample(u);
+            self.tracer.asset().surface(point.triangle as usize, point.u, point.v, Vec3::ZERO)
+        })
     }
 
     /// Texels that nothing cuts but that lie beside buried ones, as at the edge of a rug or under a sunken stone, are
@@ -281,12 +253,41 @@ impl Judge<'_, '_> {
     fn normal(&self, triangle: u32) -> Vec3 {
         self.mesh.triangle_cross(triangle as usize).normalize_or_zero()
     }
+}
 
-    /// Whether a triangle's material is cut out where alpha is low: foliage and fences part no rooms.
-    fn is_cut_out(&self, triangle: u32) -> bool {
-        let asset = self.tracer.asset();
-        asset.materials[self.mesh.triangle_materials[triangle as usize] as usize].alpha_cutoff.is_some()
+/// Whether a solid encloses surface that `start` draws from: paths from it end on backs of one-sided surfaces. A path goes
+/// on where it meets a front, which may lie in the solid, too; one that leaves the scene or meets a two-sided surface is in
+/// the open.
+pub(super) fn is_enclosed(tracer: &Tracer, stream: u64, start: impl Fn([f32; 2]) -> Surface) -> bool {
+    let asset = tracer.asset();
+    let mut open = 0;
+    for path in 0..PATHS {
+        let mut sampler = Sampler::new(SEED, stream, path);
+        let [u0, u1, ..] = sampler.next_4d();
+        let mut from = start([u0, u1]);
+        let mut enclosed = false;
+        for _ in 0..=MAX_BOUNCES {
+            let [u0, u1, ..] = sampler.next_4d();
+            let local = warp::sample_cosine_hemisphere(Vec2::new(u0, u1));
+            let direction = Frame::from_normal(from.geometric_normal).world_from_local(local);
+            let origin = tracer.leave(&from, direction);
+            let Some(hit) = tracer.closest_hit(origin, direction, f32::INFINITY) else { break };
+            let material = asset.mesh.triangle_materials[hit.triangle as usize];
+            if asset.materials[material as usize].double_sided {
+                break;
+            }
+            from = tracer.surface(&hit, direction);
+            if from.back {
+                enclosed = true;
+                break;
+            }
+        }
+        open += u32::from(!enclosed);
+        if open > MOST_OPEN {
+            return false;
+        }
     }
+    true
 }
 
 /// Groups of cells that are connected through neighbours between which nothing lies.

@@ -1,9 +1,14 @@
 //! Where the lightmap's coordinates come from: a UV set of the asset that will do, or a fresh unwrap.
 
+use std::collections::HashMap;
+
+use glam::Vec2;
+
+use super::cut::cut;
 use super::texels::Lightmap;
 use super::uv_check::{UvFault, check_uvs};
-use super::{Asset, Mesh, SceneError};
-use glam::Vec2;
+use super::walls::thin_walls;
+use super::{Asset, Mesh, SceneError, Tracer, apart};
 
 /// Which coordinates the lightmap uses.
 #[derive(clap::ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -44,7 +49,8 @@ const PADDING: u32 = 2;
 /// k on its border hold no other chart, so that a lightmap of 1024² keeps charts apart down to 256², one of 2048² too.
 const SIZE_PER_PADDING: u32 = 256;
 
-/// Fills the mesh's `lightmap_uvs` for a lightmap of `size` × `size` texels. An unwrap duplicates vertices along seams.
+/// Fills the mesh's `lightmap_uvs` for a lightmap of `size` × `size` texels. An unwrap duplicates vertices along seams,
+/// and cuts triangles along walls so thin that a texel would hold both sides' light.
 ///
 /// # Errors
 /// [`SceneError::LightmapUvs`] when a set that `policy` names is missing, leaves [0, 1]², overlaps itself or leaves out
@@ -83,8 +89,11 @@ pub fn lay_out(asset: &mut Asset, size: u32, policy: UvPolicy) -> Result<Lightma
             reasons.push("no texture coordinates".to_owned());
         }
     }
-    let (charts, coverage) = unwrap(asset, size)?;
-    let unwrapped = format!("unwrapped anew into {charts} charts, {:.0} % of the page covered", coverage * 100.0);
+    let Unwrapped { charts, coverage, cut } = unwrap(asset, size)?;
+    let mut unwrapped = format!("unwrapped anew into {charts} charts, {:.0} % of the page covered", coverage * 100.0);
+    if cut > 0 {
+        unwrapped += &format!(", {cut} triangles more where charts end at thin walls");
+    }
     match reasons.last_mut() {
         Some(reason) => *reason = format!("{reason}; {unwrapped}"),
         None => reasons.push(unwrapped),
@@ -102,21 +111,49 @@ fn use_set(mesh: &mut Mesh, set: usize) {
     mesh.lightmap_uvs = mesh.uvs[set].iter().map(|uv| uv.clamp(Vec2::ZERO, Vec2::ONE)).collect();
 }
 
-/// Unwraps the whole mesh onto one page. Returns the number of charts and the share of texels that they reach into.
-fn unwrap(asset: &mut Asset, size: u32) -> Result<(u32, f32), SceneError> {
+/// What an unwrap made.
+struct Unwrapped {
+    charts: u32,
+    /// Share of the page's texels that they reach into.
+    coverage: f32,
+    /// Triangles that cuts along thin walls made more.
+    cut: usize,
+}
+
+/// Share of the page that charts are taken to fill before it is known.
+const USUAL_COVERAGE: f32 = 0.5;
+
+/// How near to a wall an edge of the mesh may run for the wall not to be cut along again, in texels; but not within the
+/// rounding of positions, relative to the asset's extent.
+const SNAP: f32 = 1.0 / 256.0;
+const ROUNDING: f32 = 2e-6;
+
+/// Unwraps the whole mesh onto one page.
+fn unwrap(asset: &mut Asset, size: u32) -> Result<Unwrapped, SceneError> {
+    let area: f64 = (0..asset.mesh.triangles.len()).map(|t| 0.5 * asset.mesh.triangle_cross(t).length() as f64).sum();
+    let texel = (area as f32 / USUAL_COVERAGE).sqrt() / size as f32;
+    let tracer = Tracer::new(asset);
+    let (walls, extent) = (thin_walls(&tracer, texel), tracer.extent);
+    drop(tracer);
     let mesh = &mut asset.mesh;
+    let triangles = mesh.triangles.len();
+    let mut parts = vec![0; triangles];
+    if !walls.is_empty() {
+        cut(mesh, &walls, f64::from((SNAP * texel).max(ROUNDING * extent)));
+        parts = apart::parts(mesh, &walls, texel);
+    }
     let positions: Vec<[f32; 3]> = mesh.positions.iter().map(|p| p.to_array()).collect();
     let indices: Vec<u32> = mesh.triangles.iter().flatten().copied().collect();
-    // Charts keep materials apart, so that unlike surfaces do not share texels; where that makes more charts than the
-    // page holds, they may span materials, and at last stand closer together.
     let padding = PADDING.max(size / SIZE_PER_PADDING);
-    let attempts = [(true, padding), (false, padding), (false, PADDING), (false, 1)];
+    // Charts keep materials apart, so that unlike surfaces do not share texels; where that makes more charts than the
+    // page holds, they may span materials, stand closer together, and at last run on under thin walls.
+    let by_material: Vec<(u32, u32)> = parts.iter().copied().zip(mesh.triangle_materials.iter().copied()).collect();
+    let (by_material, whole) = (numbered(&by_material), vec![0; parts.len()]);
+    let attempts = [(&by_material, padding), (&parts, padding), (&parts, PADDING), (&parts, 1), (&whole, 1)];
     let mut reason = String::new();
-    for (by_material, padding) in attempts {
-        let input = uvunwrap::MeshInput {
-            face_materials: by_material.then_some(&mesh.triangle_materials[..]),
-            ..uvunwrap::MeshInput::new(&positions, &indices)
-        };
+    for (groups, padding) in attempts {
+        let input =
+            uvunwrap::MeshInput { face_materials: Some(groups), ..uvunwrap::MeshInput::new(&positions, &indices) };
         let density = uvunwrap::Density::Auto { page_size: size };
         let options = uvunwrap::Options { density, padding, ..Default::default() };
         match uvunwrap::generate(&[input], &options) {
@@ -126,7 +163,7 @@ fn unwrap(asset: &mut Asset, size: u32) -> Result<(u32, f32), SceneError> {
                 adopt(mesh, &atlas.meshes[0], scale);
                 let lightmap = Lightmap::new(mesh, size as usize);
                 let coverage = lightmap.texels.len() as f32 / (size as f32 * size as f32);
-                return Ok((atlas.chart_count, coverage));
+                return Ok(Unwrapped { charts: atlas.chart_count, coverage, cut: mesh.triangles.len() - triangles });
             }
             Ok(atlas) => {
                 reason = format!("{} charts do not fit {size} × {size} texels", atlas.chart_count);
@@ -135,6 +172,18 @@ fn unwrap(asset: &mut Asset, size: u32) -> Result<(u32, f32), SceneError> {
         }
     }
     Err(SceneError::Unwrap { asset: asset.name.clone(), reason })
+}
+
+/// Numbers for values, the same for equal ones.
+fn numbered(values: &[(u32, u32)]) -> Vec<u32> {
+    let mut numbers = HashMap::new();
+    values
+        .iter()
+        .map(|value| {
+            let next = numbers.len() as u32;
+            *numbers.entry(value).or_insert(next)
+        })
+        .collect()
 }
 
 /// Rebuilds every vertex attribute for the unwrapped vertices.
