@@ -7,10 +7,13 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap, HashSet};
 
 use glam::Vec3;
+use rayon::prelude::*;
 
+use super::buried::is_enclosed;
 use super::proximity::Proximity;
 use super::walls::Wall;
-use super::{Aabb, Mesh};
+use super::{Aabb, Mesh, Tracer};
+use crate::math::warp;
 
 /// How far from a wall its sides are kept apart, texels: further off, lookups do not meet.
 const REACH: f32 = 2.0;
@@ -52,42 +55,71 @@ pub(super) fn parts(mesh: &Mesh, walls: &[Wall], texel: f32) -> Vec<u32> {
         .collect()
 }
 
+/// For each triangle whether it lies inside a wall, where light cannot reach it.
+pub(super) fn inside(tracer: &Tracer, walls: &[Wall], texel: f32) -> Vec<bool> {
+    let mesh = &tracer.asset().mesh;
+    let proximity = Proximity::new(mesh);
+    let mut may_be = vec![false; mesh.triangles.len()];
+    for wall in walls {
+        let range = (-0.75 * wall.depth, -0.25 * wall.depth);
+        for_each_beside(mesh, &proximity, wall, range, texel, |t| may_be[t as usize] = true);
+    }
+    let enclosed = |t: usize| {
+        is_enclosed(tracer, t as u64, |u| {
+            let b = warp::sample_uniform_triangle(u.into());
+            tracer.asset().surface(t, b.x, b.y, Vec3::ZERO)
+        })
+    };
+    (0..may_be.len()).into_par_iter().map(|t| may_be[t] && enclosed(t)).collect()
+}
+
 /// For each triangle the sides of walls that it lies on; none for one that lies on both.
 fn sides(mesh: &Mesh, walls: &[Wall], texel: f32) -> Vec<HashSet<Side>> {
     let mut sides = vec![HashSet::new(); mesh.triangles.len()];
     let proximity = Proximity::new(mesh);
     let (reach, border) = (REACH * texel, BORDER * texel);
     for (number, wall) in walls.iter().enumerate() {
-        let number = number as u32;
-        let [p, q] = wall.line;
-        let along = (q - p).normalize_or_zero();
-        let normal = along.cross(wall.outwards);
         let ranges = [(border, reach), (-wall.depth - reach, -wall.depth - border)];
-        let ends: Vec<Vec3> =
-            ranges.iter().flat_map(|r| [r.0, r.1]).flat_map(|s| [p, q].map(|e| e + wall.outwards * s)).collect();
-        let bounds = Aabb::from_points(&ends);
-        let bounds = Aabb { min: bounds.min - border, max: bounds.max + border };
-        proximity.for_each_near(&bounds, |t| {
-            let cross = mesh.triangle_cross(t as usize);
-            let corners = mesh.triangle_positions(t as usize).map(|c| c - p);
-            let off = corners.map(|c| c.dot(normal).abs());
-            let is_flat = cross.dot(normal).abs() > FLAT * cross.length();
-            if !is_flat || off[0].min(off[1]).min(off[2]) > reach {
-                return;
-            }
-            let length = p.distance(q);
-            let inside = |(lo, hi): (f32, f32)| {
-                let flat = corners.map(|c| [c.dot(along), c.dot(wall.outwards)]);
-                reaches_into(&flat, [border.min(0.25 * length), lo], [length - border.min(0.25 * length), hi])
-            };
-            match ranges.map(inside) {
-                [true, false] => _ = sides[t as usize].insert((number, true)),
-                [false, true] => _ = sides[t as usize].insert((number, false)),
-                _ => {}
-            }
-        });
+        for (range, front) in ranges.into_iter().zip([true, false]) {
+            for_each_beside(mesh, &proximity, wall, range, texel, |t| {
+                let sides: &mut HashSet<Side> = &mut sides[t as usize];
+                // The front comes first.
+                if front || !sides.remove(&(number as u32, true)) {
+                    sides.insert((number as u32, front));
+                }
+            });
+        }
     }
     sides
+}
+
+/// Visits the triangles that lie about in the plane on which a wall stands and reach into the strip along the wall's line
+/// between the distances in `range` from it, outwards.
+fn for_each_beside(
+    mesh: &Mesh,
+    proximity: &Proximity,
+    wall: &Wall,
+    range: (f32, f32),
+    texel: f32,
+    mut visit: impl FnMut(u32),
+) {
+    let [p, q] = wall.line;
+    let (length, along) = (p.distance(q), (q - p).normalize_or_zero());
+    let normal = along.cross(wall.outwards);
+    let end = (BORDER * texel).min(0.25 * length);
+    let (lo, hi) = ([end, range.0], [length - end, range.1]);
+    let corners = [lo[0], hi[0]].map(|a| [lo[1], hi[1]].map(|s| p + along * a + wall.outwards * s));
+    let bounds = Aabb::from_points(corners.as_flattened());
+    let bounds = Aabb { min: bounds.min - texel, max: bounds.max + texel };
+    proximity.for_each_near(&bounds, |t| {
+        let cross = mesh.triangle_cross(t as usize);
+        let corners = mesh.triangle_positions(t as usize).map(|c| c - p);
+        let off = corners.map(|c| c.dot(normal).abs());
+        let lies_there = cross.dot(normal).abs() > FLAT * cross.length() && off[0].min(off[1]).min(off[2]) < texel;
+        if lies_there && reaches_into(&corners.map(|c| [c.dot(along), c.dot(wall.outwards)]), lo, hi) {
+            visit(t);
+        }
+    });
 }
 
 /// Whether a triangle and a rectangle of the plane have an area in common: their edges' directions are all the axes along

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::proximity::Proximity;
 use super::texels::{CELLS, Cells, WHOLE, set_bits};
 use super::uv_check::charts;
-use super::{Aabb, Fragment, Lightmap, Mesh, Surface, TexelSampler, Tracer};
+use super::{Aabb, Fragment, Lightmap, Mesh, Surface, TexelPoint, TexelSampler, Tracer};
 use crate::math::{Frame, Sampler, warp};
 
 /// Height above the surface at which it is asked what cuts a texel, relative to the texel's diagonal: things lower than
@@ -25,7 +25,7 @@ const PATHS: u32 = 32;
 const MOST_OPEN: u32 = 1;
 
 /// Reflections that a path may take among front faces that themselves lie in a solid.
-const MAX_BOUNCES: u32 = 2;
+const MAX_BOUNCES: u32 = 4;
 
 /// A texel with less surface than this share of it takes a neighbour's value: a sliver on a chart's border lies so near
 /// to the adjoining wall that rounding decides on which side of it paths start.
@@ -103,7 +103,8 @@ struct Cell {
     area_m2: f64,
     /// What is in it.
     fragments: Vec<Fragment>,
-    /// A point of it, moved off the surface.
+    /// A point of it, and the same moved off the surface.
+    middle: TexelPoint,
     above: Vec3,
 }
 
@@ -121,8 +122,11 @@ impl Judge<'_, '_> {
             obstacles.0.iter().any(|&o| crosses(a, b, &self.mesh.triangle_positions(o as usize)))
         });
         let is_open = |region: &&Vec<usize>| {
-            let inside: Vec<Fragment> = region.iter().flat_map(|&c| cells[c].fragments.clone()).collect();
-            !self.is_buried(&TexelSampler::new(&inside), t as u64)
+            // From the middle of cells: their other points may lie across the obstacle.
+            !is_enclosed(self.tracer, t as u64, |[u, _]| {
+                let cell = &cells[region[((u * region.len() as f32) as usize).min(region.len() - 1)]];
+                self.tracer.asset().surface(cell.middle.triangle as usize, cell.middle.u, cell.middle.v, Vec3::ZERO)
+            })
         };
         let open: Vec<&Vec<usize>> = regions.iter().filter(is_open).collect();
         let area = |region: &Vec<usize>| region.iter().map(|&c| cells[c].area_m2).sum::<f64>();
@@ -176,7 +180,8 @@ impl Judge<'_, '_> {
             let polygon = largest.polygon();
             let centre = polygon.iter().sum::<DVec2>() / polygon.len() as f64;
             let above = self.position(largest.triangle, centre) + self.normal(largest.triangle) * height;
-            Some(Cell { bit, area_m2: fragments.iter().map(|f| f.area_m2).sum(), above, fragments })
+            let middle = TexelPoint { triangle: largest.triangle, u: centre.x as f32, v: centre.y as f32 };
+            Some(Cell { bit, area_m2: fragments.iter().map(|f| f.area_m2).sum(), middle, above, fragments })
         };
         (0..CELLS * CELLS).filter_map(cell).collect()
     }

@@ -135,13 +135,14 @@ fn unwrap(asset: &mut Asset, size: u32) -> Result<Unwrapped, SceneError> {
     let tracer = Tracer::new(asset);
     let (walls, extent) = (thin_walls(&tracer, texel), tracer.extent);
     drop(tracer);
-    let mesh = &mut asset.mesh;
-    let triangles = mesh.triangles.len();
-    let mut parts = vec![0; triangles];
+    let triangles = asset.mesh.triangles.len();
+    let (mut parts, mut inside) = (vec![0; triangles], vec![false; triangles]);
     if !walls.is_empty() {
-        cut(mesh, &walls, f64::from((SNAP * texel).max(ROUNDING * extent)));
-        parts = apart::parts(mesh, &walls, texel);
+        cut(&mut asset.mesh, &walls, f64::from((SNAP * texel).max(ROUNDING * extent)));
+        parts = apart::parts(&asset.mesh, &walls, texel);
+        inside = apart::inside(&Tracer::new(asset), &walls, texel);
     }
+    let mesh = &mut asset.mesh;
     let positions: Vec<[f32; 3]> = mesh.positions.iter().map(|p| p.to_array()).collect();
     let indices: Vec<u32> = mesh.triangles.iter().flatten().copied().collect();
     let padding = PADDING.max(size / SIZE_PER_PADDING);
@@ -152,8 +153,11 @@ fn unwrap(asset: &mut Asset, size: u32) -> Result<Unwrapped, SceneError> {
     let attempts = [(&by_material, padding), (&parts, padding), (&parts, PADDING), (&parts, 1), (&whole, 1)];
     let mut reason = String::new();
     for (groups, padding) in attempts {
-        let input =
-            uvunwrap::MeshInput { face_materials: Some(groups), ..uvunwrap::MeshInput::new(&positions, &indices) };
+        let input = uvunwrap::MeshInput {
+            face_materials: Some(groups),
+            ignored_faces: Some(&inside),
+            ..uvunwrap::MeshInput::new(&positions, &indices)
+        };
         let density = uvunwrap::Density::Auto { page_size: size };
         let options = uvunwrap::Options { density, padding, ..Default::default() };
         match uvunwrap::generate(&[input], &options) {
