@@ -65,7 +65,8 @@ const WALL_X: f32 = 2.033;
 
 const LAMP: Vec3 = Vec3::new(1.0, 1.3, 0.9);
 
-/// A box of 4 m × 2 m × 2 m whose floor, ceiling and long walls run on behind a wall across it at x = [`WALL_X`].
+/// A box of 4 m × 2 m × 2 m whose floor, ceiling and long walls run on behind a wall across it at x = [`WALL_X`]; a wall
+/// without thickness is one two-sided sheet.
 fn two_rooms(thickness: f32) -> Asset {
     let (x, y, z) = (4.0 * Vec3::X, 2.0 * Vec3::Y, 2.0 * Vec3::Z);
     let mut quads = Quads::default();
@@ -76,8 +77,13 @@ fn two_rooms(thickness: f32) -> Asset {
     quads.quad(Vec3::ZERO, y, z);
     quads.quad(Vec3::new(4.0, 0.0, 0.0), z, y);
     quads.quad(Vec3::new(WALL_X - 0.5 * thickness, 0.0, 0.0), z, y);
-    quads.quad(Vec3::new(WALL_X + 0.5 * thickness, 0.0, 0.0), y, z);
-    quads.finish()
+    if thickness > 0.0 {
+        quads.quad(Vec3::new(WALL_X + 0.5 * thickness, 0.0, 0.0), y, z);
+    }
+    let mut asset = quads.finish();
+    asset.materials.push(Material { double_sided: true, ..asset.materials[0].clone() });
+    asset.mesh.triangle_materials[12..].fill(u32::from(thickness == 0.0));
+    asset
 }
 
 /// All light under a lamp in the room at x < [`WALL_X`], looked up as a renderer does.
@@ -175,26 +181,7 @@ fn leak(asset: &Asset, thickness: f32, lightmap: &Lightmap) -> Leak {
     let (low, high) = (WALL_X - 0.5 * thickness, WALL_X + 0.5 * thickness);
     let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
     let bright = mean(&looked_up(&tracer, &image, &places(&(0.0..low))));
-    let dark = places(&(high..4.0));
-    let values = looked_up(&tracer, &image, &dark);
-    let worst = values.iter().copied().fold(0.0, f32::max);
-    let mut bad: Vec<usize> = (0..dark.len()).filter(|&i| values[i] > 1e-3 * bright).collect();
-    bad.sort_by(|&a, &b| values[b].total_cmp(&values[a]));
-    for &i in bad.iter().take(12) {
-        let (position, normal) = dark[i];
-        let hit = tracer.closest_hit(position + 1e-3 * normal, -normal, 1.0).unwrap();
-        let mesh = &tracer.asset().mesh;
-        let uv = mesh.interpolate(&mesh.lightmap_uvs, hit.triangle as usize, hit.u, hit.v) * 64.0;
-        println!(
-            "DBG of {} {:?} {:?} high {high} value {} tri {} {:?} uv {uv:?}",
-            bad.len(),
-            position,
-            normal,
-            values[i] / bright,
-            hit.triangle,
-            mesh.triangle_positions(hit.triangle as usize)
-        );
-    }
+    let worst = looked_up(&tracer, &image, &places(&(high..4.0))).into_iter().fold(0.0, f32::max);
     let along: Vec<Place> = places(&(low - 2.0 * texel_of(asset)..low)).into_iter().step_by(23).collect();
     let (found, expected) = (looked_up(&tracer, &image, &along), truth_of(&tracer, &along));
     let error = rms(found.iter().zip(&expected).map(|(a, b)| a - b)) / rms(expected.iter().copied());
@@ -227,15 +214,138 @@ fn walls_of_two_texels_do_not_leak() {
     }
 }
 
-/// An unwrap parts the rooms beside a wall of any thickness.
+/// The same scene with every triangle cut into n² alike.
+fn tessellated(mut asset: Asset, n: u32) -> Asset {
+    let old = std::mem::take(&mut asset.mesh);
+    for (t, triangle) in old.triangles.iter().enumerate() {
+        let first = asset.mesh.positions.len() as u32;
+        // Rows of fewer and fewer vertices.
+        let at = |i: u32, j: u32| first + j * (n + 1) - j * j.saturating_sub(1) / 2 + i;
+        for j in 0..=n {
+            for i in 0..=n - j {
+                let (u, v) = (i as f32 / n as f32, j as f32 / n as f32);
+                asset.mesh.positions.push(old.interpolate(&old.positions, t, u, v));
+                asset.mesh.normals.push(old.normals[triangle[0] as usize]);
+                if i + j < n {
+                    asset.mesh.triangles.push([at(i, j), at(i + 1, j), at(i, j + 1)]);
+                }
+                if i + j + 1 < n {
+                    asset.mesh.triangles.push([at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]);
+                }
+            }
+        }
+    }
+    asset.mesh.triangle_materials = old.triangle_materials.iter().flat_map(|&m| vec![m; (n * n) as usize]).collect();
+    asset
+}
+
+/// An unwrap parts the rooms beside a wall of any thickness, a mere sheet included, whether the surfaces that it stands on
+/// are a few large triangles or many small ones; and the lit room is as bright along it as it truly is.
+/// [`walls_of_two_texels_do_not_leak`] has the control.
 #[test]
 fn charts_end_at_thin_walls() {
-    for texels in [0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0] {
-        let thickness = texels * 0.1;
-        let mut asset = two_rooms(thickness);
+    for (texels, n) in [(0.0, 1), (0.25, 1), (0.25, 7), (0.5, 1), (1.0, 1), (1.0, 7), (1.5, 1), (2.0, 1), (3.0, 1)] {
+        let thickness = texels * 0.16;
+        let mut asset = tessellated(two_rooms(thickness), n);
+        let surface =
+            |mesh: &Mesh| (0..mesh.triangles.len()).map(|t| 0.5 * mesh.triangle_cross(t).length()).sum::<f32>();
+        let before = (surface(&asset.mesh), asset.mesh.triangles.len());
         let choice = lay_out(&mut asset, SIZE as u32, UvPolicy::Unwrap).unwrap();
+        let after = (surface(&asset.mesh), asset.mesh.triangles.len());
         let clean = leak(&asset, thickness, &Lightmap::open(&Tracer::new(&asset), SIZE));
         println!("wall of {} texels: {clean:.4?}, {:?}", thickness / texel_of(&asset), choice.reasons);
+        assert_eq!(clean.into_the_dark, 0.0);
+        assert_eq!(clean.astride, 0);
+        // A wall of three texels along texel borders, without any treatment, has errors of 0.17 and -0.10.
+        assert!(clean.along_the_wall < 0.06 && clean.too_bright.abs() < 0.03);
+        // Cuts keep the surface, and add few triangles.
+        assert!((after.0 - before.0).abs() < 1e-4 * before.0 && after.1 < 2 * before.1 + 40, "{before:?} {after:?}");
+    }
+}
+
+/// A wall that ends in the middle of a room parts the surfaces that it stands on, too: what is looked up beside it comes
+/// from its own side, although the charts meet beyond its end.
+#[test]
+fn charts_end_at_walls_that_end_in_a_room() {
+    for (thickness, n) in [(0.04, 1), (0.04, 7), (0.2, 1), (0.2, 7)] {
+        let (x, y, z) = (4.0 * Vec3::X, 2.0 * Vec3::Y, 2.0 * Vec3::Z);
+        let (low, high, end) = (WALL_X - 0.5 * thickness, WALL_X + 0.5 * thickness, 1.2);
+        let mut quads = Quads::default();
+        quads.quad(Vec3::ZERO, z, x);
+        quads.quad(Vec3::new(0.0, 2.0, 0.0), x, z);
+        quads.quad(Vec3::ZERO, x, y);
+        quads.quad(Vec3::new(0.0, 0.0, 2.0), y, x);
+        quads.quad(Vec3::ZERO, y, z);
+        quads.quad(Vec3::new(4.0, 0.0, 0.0), z, y);
+        quads.quad(Vec3::new(low, 0.0, 0.0), end * Vec3::Z, y);
+        quads.quad(Vec3::new(high, 0.0, 0.0), y, end * Vec3::Z);
+        quads.quad(Vec3::new(low, 0.0, end), (high - low) * Vec3::X, y);
+        let mut asset = tessellated(quads.finish(), n);
+        let choice = lay_out(&mut asset, SIZE as u32, UvPolicy::Unwrap).unwrap();
+        let mesh = &asset.mesh;
+        let tracer = Tracer::new(&asset);
+        let lightmap = Lightmap::open(&tracer, SIZE);
+        let side = |t: usize| {
+            let p = lightmap.sampler(mesh, t).sample([0.5, 0.5]);
+            f32::from(mesh.interpolate(&mesh.positions, p.triangle as usize, p.u, p.v).x < WALL_X)
+        };
+        let page: Vec<f32> = lightmap.sources().iter().map(|&t| side(t as usize)).collect();
+        let wrong = |x: f32, expected: f32| {
+            let along = (0..180).map(|i| 0.01 * i as f32).filter(|z| *z < end - 2.5 * texel_of(&asset));
+            let floor_and_ceiling = along.flat_map(|z| [(z, 0.0, Vec3::Y), (z, 2.0, Vec3::NEG_Y)]);
+            floor_and_ceiling
+                .filter(|&(z, y, normal)| {
+                    let hit = tracer.closest_hit(Vec3::new(x, y, z + 0.005) + 1e-3 * normal, -normal, 1.0).unwrap();
+                    let uv = mesh.interpolate(&mesh.lightmap_uvs, hit.triangle as usize, hit.u, hit.v);
+                    (Page(&page, SIZE).at(uv) - expected).abs() > 1e-6
+                })
+                .count()
+        };
+        let [left, right] =
+            [1e-3, 0.05, 0.15].iter().fold([0, 0], |[l, r], d| [l + wrong(low - d, 1.0), r + wrong(high + d, 0.0)]);
+        println!("{thickness} m, {n}² to a triangle: {left} and {right} places wrong, {:?}", choice.reasons);
+        assert_eq!((left, right), (0, 0));
+    }
+}
+
+/// Bilinear lookups on mip levels, box-filtered, down to the one that is promised read nothing of another chart, wherever
+/// on a chart they are.
+#[test]
+fn mips_keep_charts_apart() {
+    for (size, promised) in [(128usize, 1u32), (1024, 2)] {
+        let mut asset = generate("statue").unwrap();
+        lay_out(&mut asset, size as u32, UvPolicy::Unwrap).unwrap();
+        let mesh = &asset.mesh;
+        let lightmap = Lightmap::open(&Tracer::new(&asset), size);
+        // A value for each chart.
+        let charts = relight::scene::charts(mesh, &mesh.lightmap_uvs);
+        let value = |chart: u32| Sampler::new(9, u64::from(chart), 0).next_4d()[0];
+        let own = |t: u32| value(charts[lightmap.triangles(t as usize)[0] as usize]);
+        let mut page: Vec<f32> = lightmap.sources().iter().map(|&t| own(t)).collect();
+        for level in 0..=promised + 1 {
+            let side = size >> level;
+            let mut worst = 0.0f32;
+            for t in 0..mesh.triangles.len() {
+                for i in 0..64 {
+                    let [u, v, ..] = Sampler::new(4, t as u64, i).next_4d();
+                    // Corners and edges are where charts end.
+                    let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+                    let b = if i < 48 { [(u, 0.0), (0.0, v), (u, 1.0 - u)][i as usize % 3] } else { (u, v) };
+                    let uv = mesh.interpolate(&mesh.lightmap_uvs, t, b.0, b.1);
+                    worst = worst.max((Page(&page, side).at(uv) - value(charts[t])).abs());
+                }
+            }
+            println!("{size}², level {level}: {worst}");
+            // The unwrap leaves out of account what reaches less than a hundredth of a texel into one.
+            assert_eq!(worst < 1e-3, level <= promised, "{size}², level {level}: {worst}");
+            let half = side / 2;
+            let texel = |i: usize| {
+                let (x, y) = (2 * (i % half), 2 * (i / half));
+                [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| page[(y + dy) * side + x + dx]).iter().sum::<f32>()
+                    / 4.0
+            };
+            page = (0..half * half).map(texel).collect();
+        }
     }
 }
 
@@ -424,6 +534,15 @@ fn stitched_seams_are_no_stronger_than_the_inside() {
     let truly_across = |seam: bool| rms(of_pairs(seam).map(|k| pair_truth[k][0] - pair_truth[k][1]));
     let error = |page: &Page| rms(seam.iter().zip(&seam_truth).flat_map(|(p, t)| p.uvs.map(|uv| page.at(uv) - t)));
     let (before, after) = (Page(&unstitched, SIZE), Page(&stitched, SIZE));
+    // How far texels move away from their own means, relative to these.
+    let moved = |page: &Page| {
+        let terms = lightmap.texels.iter().zip(&values);
+        let (sum, all) = terms.fold((0.0, 0.0), |(sum, all), (t, v)| {
+            (sum + t.area * (page.0[t.index as usize] - v).powi(2), all + t.area * v * v)
+        });
+        (sum / all).sqrt()
+    };
+    println!("moved by {:.4}", moved(&after));
     let true_ratio = truly_across(true) / truly_across(false);
     let [ratio_before, ratio_after] = [&before, &after].map(|page| across(page, true) / across(page, false));
     println!(

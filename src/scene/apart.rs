@@ -6,10 +6,10 @@
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap, HashSet};
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::buried::is_enclosed;
+use super::buried::comes_out;
 use super::proximity::Proximity;
 use super::walls::Wall;
 use super::{Aabb, Mesh, Tracer};
@@ -26,6 +26,11 @@ const CREASE: f32 = 0.7;
 
 /// Cosine between normals of what a wall stands on.
 const FLAT: f32 = 0.94;
+
+/// A triangle inside a wall is looked at in this many parts along each axis of the unit square that samples it.
+/// And none may have more paths than this share that come out into the open: a few do not meet a back in a corner.
+const PARTS: u32 = 6;
+const OPEN_PART: f32 = 0.25;
 
 /// A side of a wall: its number, and which.
 type Side = (u32, bool);
@@ -64,12 +69,15 @@ pub(super) fn inside(tracer: &Tracer, walls: &[Wall], texel: f32) -> Vec<bool> {
         let range = (-0.75 * wall.depth, -0.25 * wall.depth);
         for_each_beside(mesh, &proximity, wall, range, texel, |t| may_be[t as usize] = true);
     }
-    let enclosed = |t: usize| {
-        is_enclosed(tracer, t as u64, |u| {
-            let b = warp::sample_uniform_triangle(u.into());
+    // A small part of it may look out of the wall's end: each part is asked.
+    let part = |t: usize, p: u32| {
+        !comes_out(tracer, t as u64, OPEN_PART, |u| {
+            let cell = Vec2::new((p % PARTS) as f32, (p / PARTS) as f32);
+            let b = warp::sample_uniform_triangle((cell + Vec2::from(u)) / PARTS as f32);
             tracer.asset().surface(t, b.x, b.y, Vec3::ZERO)
         })
     };
+    let enclosed = |t: usize| (0..PARTS * PARTS).all(|p| part(t, p));
     (0..may_be.len()).into_par_iter().map(|t| may_be[t] && enclosed(t)).collect()
 }
 

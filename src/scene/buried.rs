@@ -22,7 +22,7 @@ const RELATIVE_HEIGHT: f32 = 1.0 / 16.0;
 const PATHS: u32 = 32;
 
 /// Of these, the most that may come out into the open from a buried region: cracks of a solid.
-const MOST_OPEN: u32 = 1;
+const MOST_OPEN: u8 = 1;
 
 /// Reflections that a path may take among front faces that themselves lie in a solid.
 const MAX_BOUNCES: u32 = 4;
@@ -260,10 +260,15 @@ impl Judge<'_, '_> {
     }
 }
 
-/// Whether a solid encloses surface that `start` draws from: paths from it end on backs of one-sided surfaces. A path goes
-/// on where it meets a front, which may lie in the solid, too; one that leaves the scene or meets a two-sided surface is in
-/// the open.
+/// Whether a solid encloses surface that `start` draws from, but for cracks.
 pub(super) fn is_enclosed(tracer: &Tracer, stream: u64, start: impl Fn([f32; 2]) -> Surface) -> bool {
+    !comes_out(tracer, stream, f32::from(MOST_OPEN) / PATHS as f32, start)
+}
+
+/// Whether more than a share `most` of paths from surface that `start` draws from are in the open, rather than end on backs
+/// of one-sided surfaces. A path goes on where it meets a front, which may lie in a solid, too; one that leaves the scene or
+/// meets a two-sided surface is in the open.
+pub(super) fn comes_out(tracer: &Tracer, stream: u64, most: f32, start: impl Fn([f32; 2]) -> Surface) -> bool {
     let asset = tracer.asset();
     let mut open = 0;
     for path in 0..PATHS {
@@ -288,11 +293,11 @@ pub(super) fn is_enclosed(tracer: &Tracer, stream: u64, start: impl Fn([f32; 2])
             }
         }
         open += u32::from(!enclosed);
-        if open > MOST_OPEN {
-            return false;
+        if open as f32 > most * PATHS as f32 {
+            return true;
         }
     }
-    true
+    false
 }
 
 /// Groups of cells that are connected through neighbours between which nothing lies.

@@ -31,6 +31,8 @@ pub enum LightmapSource {
         charts: u32,
         /// Share of the page that charts cover.
         coverage: f32,
+        /// Share of the surface that lies inside thin walls and on no texel.
+        inside: f32,
     },
 }
 
@@ -45,9 +47,10 @@ pub struct LightmapChoice {
 /// Empty texels around each chart at least, so that a bilinear lookup at a chart's border reads no other chart.
 const PADDING: u32 = 2;
 
-/// Sides of a lightmap, texels, for each texel of padding beyond that. With 2ᵏ texels around each chart, texels of mip level
-/// k on its border hold no other chart, so that a lightmap of 1024² keeps charts apart down to 256², one of 2048² too.
-const SIZE_PER_PADDING: u32 = 256;
+/// The side, texels, of the mip level down to which larger lightmaps keep charts apart. A bilinear lookup on level k reads
+/// up to 1½ · 2ᵏ − 1 texels of the page beyond the one that it lies in, and as many around each chart are its own, and one
+/// more for level 2 and up, where they lie across a chart's corner.
+const APART_DOWN_TO: u32 = 256;
 
 /// Fills the mesh's `lightmap_uvs` for a lightmap of `size` × `size` texels. An unwrap duplicates vertices along seams,
 /// and cuts triangles along walls so thin that a texel would hold both sides' light.
@@ -89,7 +92,7 @@ pub fn lay_out(asset: &mut Asset, size: u32, policy: UvPolicy) -> Result<Lightma
             reasons.push("no texture coordinates".to_owned());
         }
     }
-    let Unwrapped { charts, coverage, cut } = unwrap(asset, size)?;
+    let Unwrapped { charts, coverage, inside, cut } = unwrap(asset, size)?;
     let mut unwrapped = format!("unwrapped anew into {charts} charts, {:.0} % of the page covered", coverage * 100.0);
     if cut > 0 {
         unwrapped += &format!(", {cut} triangles more where charts end at thin walls");
@@ -98,7 +101,7 @@ pub fn lay_out(asset: &mut Asset, size: u32, policy: UvPolicy) -> Result<Lightma
         Some(reason) => *reason = format!("{reason}; {unwrapped}"),
         None => reasons.push(unwrapped),
     }
-    Ok(LightmapChoice { source: LightmapSource::Unwrapped { charts, coverage }, reasons })
+    Ok(LightmapChoice { source: LightmapSource::Unwrapped { charts, coverage, inside }, reasons })
 }
 
 const SET_NAMES: [&str; 2] = ["TEXCOORD_0", "TEXCOORD_1"];
@@ -116,6 +119,8 @@ struct Unwrapped {
     charts: u32,
     /// Share of the page's texels that they reach into.
     coverage: f32,
+    /// Share of the surface that lies inside thin walls.
+    inside: f32,
     /// Triangles that cuts along thin walls made more.
     cut: usize,
 }
@@ -130,7 +135,8 @@ const ROUNDING: f32 = 2e-6;
 
 /// Unwraps the whole mesh onto one page.
 fn unwrap(asset: &mut Asset, size: u32) -> Result<Unwrapped, SceneError> {
-    let area: f64 = (0..asset.mesh.triangles.len()).map(|t| 0.5 * asset.mesh.triangle_cross(t).length() as f64).sum();
+    let area_of = |mesh: &Mesh, t: usize| 0.5 * mesh.triangle_cross(t).length() as f64;
+    let area: f64 = (0..asset.mesh.triangles.len()).map(|t| area_of(&asset.mesh, t)).sum();
     let texel = (area as f32 / USUAL_COVERAGE).sqrt() / size as f32;
     let tracer = Tracer::new(asset);
     let (walls, extent) = (thin_walls(&tracer, texel), tracer.extent);
@@ -143,9 +149,10 @@ fn unwrap(asset: &mut Asset, size: u32) -> Result<Unwrapped, SceneError> {
         inside = apart::inside(&Tracer::new(asset), &walls, texel);
     }
     let mesh = &mut asset.mesh;
+    let area_inside: f64 = (0..inside.len()).filter(|&t| inside[t]).map(|t| area_of(mesh, t)).sum();
     let positions: Vec<[f32; 3]> = mesh.positions.iter().map(|p| p.to_array()).collect();
     let indices: Vec<u32> = mesh.triangles.iter().flatten().copied().collect();
-    let padding = PADDING.max(size / SIZE_PER_PADDING);
+    let padding = PADDING.max(3 * size / APART_DOWN_TO / 2);
     // Charts keep materials apart, so that unlike surfaces do not share texels; where that makes more charts than the
     // page holds, they may span materials, stand closer together, and at last run on under thin walls.
     let by_material: Vec<(u32, u32)> = parts.iter().copied().zip(mesh.triangle_materials.iter().copied()).collect();
@@ -167,7 +174,8 @@ fn unwrap(asset: &mut Asset, size: u32) -> Result<Unwrapped, SceneError> {
                 adopt(mesh, &atlas.meshes[0], scale);
                 let lightmap = Lightmap::new(mesh, size as usize);
                 let coverage = lightmap.texels.len() as f32 / (size as f32 * size as f32);
-                return Ok(Unwrapped { charts: atlas.chart_count, coverage, cut: mesh.triangles.len() - triangles });
+                let (charts, cut) = (atlas.chart_count, mesh.triangles.len() - triangles);
+                return Ok(Unwrapped { charts, coverage, inside: (area_inside / area) as f32, cut });
             }
             Ok(atlas) => {
                 reason = format!("{} charts do not fit {size} × {size} texels", atlas.chart_count);

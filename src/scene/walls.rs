@@ -6,7 +6,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::buried::is_enclosed;
+use super::buried::comes_out;
 use super::proximity::Proximity;
 use super::{Aabb, Mesh, Surface, Tracer};
 
@@ -35,12 +35,17 @@ const BESIDE: f32 = 1.0 / 32.0;
 const THICKEST: f32 = 3.0;
 
 /// Light goes around what ends within this distance on both sides, and over what is lower; texels.
-const SMALL: f32 = 2.0;
+const SMALL: f32 = 4.0;
 
 /// Faces behind one another that a wall may have inside it.
 const MAX_FACES: u32 = 4;
 
-/// At most this many places along a line are looked at.
+/// Share of paths from a point that come out into the open where light matters: less do from the inside of a solid that is
+/// not closed.
+const LIT: f32 = 0.4;
+
+/// Places along a line that are looked at: texels from one to the next, and how many at most.
+const APART: f32 = 2.0;
 const MAX_PLACES: f32 = 8.0;
 
 /// The thin walls of an asset whose lightmap has texels of about `texel` metres, in the order of the triangles that they
@@ -107,7 +112,7 @@ impl Finder<'_, '_> {
         let along = (line[1] - line[0]) / length;
         let outwards = normal.cross(along);
         let outwards = if outwards.dot(face_normal) < 0.0 { -outwards } else { outwards };
-        let places = (length / (SMALL * self.texel)).ceil().clamp(1.0, MAX_PLACES);
+        let places = (length / (APART * self.texel)).ceil().clamp(1.0, MAX_PLACES);
         let depth = (0..places as usize)
             .filter_map(|i| {
                 let at = line[0].lerp(line[1], (i as f32 + 0.5) / places);
@@ -151,7 +156,7 @@ impl Finder<'_, '_> {
         };
         let surface: Surface = self.tracer.surface(&hit, -normal);
         let faces_along = !surface.back && surface.geometric_normal.dot(normal) > FLAT;
-        faces_along && !is_enclosed(self.tracer, u64::from(hit.triangle), |_| surface)
+        faces_along && comes_out(self.tracer, u64::from(hit.triangle), LIT, |_| surface)
     }
 }
 
