@@ -51,7 +51,7 @@ pub fn prepare(scene: SceneFile, place: &str, reporter: &Reporter) -> Result<Pre
         let astride = lightmap.astride;
         reporter.note(&format!(
             "lightmap: {astride} texels lie astride walls thinner than a texel, where light may leak; a larger \
-             lightmap.size parts them"
+             lightmap.size parts them, and lightmap.uv = \"unwrap\" cuts charts along walls"
         ));
     }
     Ok(Prepared { scene, asset, lightmap })

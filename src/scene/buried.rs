@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::proximity::Proximity;
 use super::texels::{CELLS, Cells, WHOLE, set_bits};
 use super::uv_check::charts;
-use super::{Aabb, Fragment, Lightmap, Mesh, TexelSampler, Tracer};
+use super::{Aabb, Fragment, Lightmap, Mesh, Surface, TexelPoint, TexelSampler, Tracer};
 use crate::math::{Frame, Sampler, warp};
 
 /// Height above the surface at which it is asked what cuts a texel, relative to the texel's diagonal: things lower than
@@ -22,10 +22,10 @@ const RELATIVE_HEIGHT: f32 = 1.0 / 16.0;
 const PATHS: u32 = 32;
 
 /// Of these, the most that may come out into the open from a buried region: cracks of a solid.
-const MOST_OPEN: u32 = 1;
+const MOST_OPEN: u8 = 1;
 
 /// Reflections that a path may take among front faces that themselves lie in a solid.
-const MAX_BOUNCES: u32 = 2;
+const MAX_BOUNCES: u32 = 4;
 
 /// A texel with less surface than this share of it takes a neighbour's value: a sliver on a chart's border lies so near
 /// to the adjoining wall that rounding decides on which side of it paths start.
@@ -103,7 +103,8 @@ struct Cell {
     area_m2: f64,
     /// What is in it.
     fragments: Vec<Fragment>,
-    /// A point of it, moved off the surface.
+    /// A point of it, and the same moved off the surface.
+    middle: TexelPoint,
     above: Vec3,
 }
 
@@ -121,8 +122,11 @@ impl Judge<'_, '_> {
             obstacles.0.iter().any(|&o| crosses(a, b, &self.mesh.triangle_positions(o as usize)))
         });
         let is_open = |region: &&Vec<usize>| {
-            let inside: Vec<Fragment> = region.iter().flat_map(|&c| cells[c].fragments.clone()).collect();
-            !self.is_buried(&TexelSampler::new(&inside), t as u64)
+            // From the middle of cells: their other points may lie across the obstacle.
+            !is_enclosed(self.tracer, t as u64, |[u, _]| {
+                let cell = &cells[region[((u * region.len() as f32) as usize).min(region.len() - 1)]];
+                self.tracer.asset().surface(cell.middle.triangle as usize, cell.middle.u, cell.middle.v, Vec3::ZERO)
+            })
         };
         let open: Vec<&Vec<usize>> = regions.iter().filter(is_open).collect();
         let area = |region: &Vec<usize>| region.iter().map(|&c| cells[c].area_m2).sum::<f64>();
@@ -147,7 +151,7 @@ impl Judge<'_, '_> {
         let own = self.lightmap.triangles(t);
         let mut obstacles = Vec::new();
         self.proximity.for_each_near(&bounds, |candidate| {
-            if own.binary_search(&candidate).is_ok() || self.is_cut_out(candidate) {
+            if own.binary_search(&candidate).is_ok() || self.tracer.asset().may_be_cut_out(candidate as usize) {
                 return;
             }
             let corners = self.mesh.triangle_positions(candidate as usize);
@@ -176,45 +180,18 @@ impl Judge<'_, '_> {
             let polygon = largest.polygon();
             let centre = polygon.iter().sum::<DVec2>() / polygon.len() as f64;
             let above = self.position(largest.triangle, centre) + self.normal(largest.triangle) * height;
-            Some(Cell { bit, area_m2: fragments.iter().map(|f| f.area_m2).sum(), above, fragments })
+            let middle = TexelPoint { triangle: largest.triangle, u: centre.x as f32, v: centre.y as f32 };
+            Some(Cell { bit, area_m2: fragments.iter().map(|f| f.area_m2).sum(), middle, above, fragments })
         };
         (0..CELLS * CELLS).filter_map(cell).collect()
     }
 
-    /// Whether a solid encloses the surface that `points` draws from: paths from it end on backs of one-sided surfaces. A
-    /// path goes on where it meets a front, which may lie in the solid, too; one that leaves the scene or meets a
-    /// two-sided surface is in the open.
+    /// Whether a solid encloses the surface that `points` draws from.
     fn is_buried(&self, points: &TexelSampler, stream: u64) -> bool {
-        let asset = self.tracer.asset();
-        let mut open = 0;
-        for path in 0..PATHS {
-            let mut sampler = Sampler::new(SEED, stream, path);
-            let [u0, u1, ..] = sampler.next_4d();
-            let point = points.sample([u0, u1]);
-            let mut from = asset.surface(point.triangle as usize, point.u, point.v, Vec3::ZERO);
-            let mut enclosed = false;
-            for _ in 0..=MAX_BOUNCES {
-                let [u0, u1, ..] = sampler.next_4d();
-                let local = warp::sample_cosine_hemisphere(Vec2::new(u0, u1));
-                let direction = Frame::from_normal(from.geometric_normal).world_from_local(local);
-                let origin = self.tracer.leave(&from, direction);
-                let Some(hit) = self.tracer.closest_hit(origin, direction, f32::INFINITY) else { break };
-                let material = self.mesh.triangle_materials[hit.triangle as usize];
-                if asset.materials[material as usize].double_sided {
-                    break;
-                }
-                from = self.tracer.surface(&hit, direction);
-                if from.back {
-                    enclosed = true;
-                    break;
-                }
-            }
-            open += u32::from(!enclosed);
-            if open > MOST_OPEN {
-                return false;
-            }
-        }
-        true
+        is_enclosed(self.tracer, stream, |u| {
+            let point = points.sample(u);
+            self.tracer.asset().surface(point.triangle as usize, point.u, point.v, Vec3::ZERO)
+        })
     }
 
     /// Texels that nothing cuts but that lie beside buried ones, as at the edge of a rug or under a sunken stone, are
@@ -281,12 +258,46 @@ impl Judge<'_, '_> {
     fn normal(&self, triangle: u32) -> Vec3 {
         self.mesh.triangle_cross(triangle as usize).normalize_or_zero()
     }
+}
 
-    /// Whether a triangle's material is cut out where alpha is low: foliage and fences part no rooms.
-    fn is_cut_out(&self, triangle: u32) -> bool {
-        let asset = self.tracer.asset();
-        asset.materials[self.mesh.triangle_materials[triangle as usize] as usize].alpha_cutoff.is_some()
+/// Whether a solid encloses surface that `start` draws from, but for cracks.
+pub(super) fn is_enclosed(tracer: &Tracer, stream: u64, start: impl Fn([f32; 2]) -> Surface) -> bool {
+    !comes_out(tracer, stream, f32::from(MOST_OPEN) / PATHS as f32, start)
+}
+
+/// Whether more than a share `most` of paths from surface that `start` draws from are in the open, rather than end on backs
+/// of one-sided surfaces. A path goes on where it meets a front, which may lie in a solid, too; one that leaves the scene or
+/// meets a two-sided surface is in the open.
+pub(super) fn comes_out(tracer: &Tracer, stream: u64, most: f32, start: impl Fn([f32; 2]) -> Surface) -> bool {
+    let asset = tracer.asset();
+    let mut open = 0;
+    for path in 0..PATHS {
+        let mut sampler = Sampler::new(SEED, stream, path);
+        let [u0, u1, ..] = sampler.next_4d();
+        let mut from = start([u0, u1]);
+        let mut enclosed = false;
+        for _ in 0..=MAX_BOUNCES {
+            let [u0, u1, ..] = sampler.next_4d();
+            let local = warp::sample_cosine_hemisphere(Vec2::new(u0, u1));
+            let direction = Frame::from_normal(from.geometric_normal).world_from_local(local);
+            let origin = tracer.leave(&from, direction);
+            let Some(hit) = tracer.closest_hit(origin, direction, f32::INFINITY) else { break };
+            let material = asset.mesh.triangle_materials[hit.triangle as usize];
+            if asset.materials[material as usize].double_sided {
+                break;
+            }
+            from = tracer.surface(&hit, direction);
+            if from.back {
+                enclosed = true;
+                break;
+            }
+        }
+        open += u32::from(!enclosed);
+        if open as f32 > most * PATHS as f32 {
+            return true;
+        }
     }
+    false
 }
 
 /// Groups of cells that are connected through neighbours between which nothing lies.

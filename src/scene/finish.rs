@@ -60,7 +60,9 @@ struct Stitch {
 
 /// How firmly a texel full of surface keeps its value, against the two points of a seam that a texel's length has. One that
 /// is covered in part has the mean of that part, which is not its centre's value, and keeps it less.
-const PULL: f32 = 0.2;
+/// Measured on the statue at 128²: with 0.2 texels move by 12 % away from their means, with 0.7 by 8 %, and the light at the
+/// seams is nearer to the truth; with 1 points a texel apart differ more across a seam than they truly do.
+const PULL: f32 = 0.7;
 
 /// The same for a texel of the gutter, which only seams and borders read.
 const GUTTER_PULL: f32 = 0.01;

@@ -1,9 +1,11 @@
 //! The asset and its geometry: import (glTF, OBJ), materials, ray tracing, lightmap charts and texels.
 
+mod apart;
 pub mod asset;
 pub mod bsdf;
 mod build;
 mod buried;
+mod cut;
 mod denoise;
 mod fill;
 pub mod finish;
@@ -23,6 +25,7 @@ pub mod surface;
 pub mod texels;
 pub mod tracer;
 mod uv_check;
+mod walls;
 
 pub use asset::{Asset, Camera, PunctualKind, PunctualLight};
 pub use bsdf::BsdfSample;

@@ -128,7 +128,11 @@ fn seams(mesh: &Mesh) -> Vec<[Side; 2]> {
     let bits = |v: u32| mesh.positions[v as usize].to_array().map(|x| (x + 0.0).to_bits());
     let mut open: HashMap<([u32; 3], [u32; 3]), Vec<Side>> = HashMap::new();
     let mut seams = Vec::new();
-    for triangle in 0..mesh.triangles.len() as u32 {
+    let has_texels = |t: &u32| {
+        let [a, b, c] = mesh.triangles[*t as usize].map(|v| mesh.lightmap_uvs[v as usize]);
+        (b - a).perp_dot(c - a) != 0.0
+    };
+    for triangle in (0..mesh.triangles.len() as u32).filter(has_texels) {
         for edge in 0..3 {
             let side = Side { triangle, edge };
             let [from, to] = side.ends(mesh);

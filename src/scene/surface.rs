@@ -99,6 +99,11 @@ impl Asset {
         base
     }
 
+    /// Whether a triangle's material is cut out where alpha is low: foliage and fences part no rooms.
+    pub(super) fn may_be_cut_out(&self, triangle: usize) -> bool {
+        self.materials[self.mesh.triangle_materials[triangle] as usize].alpha_cutoff.is_some()
+    }
+
     /// Whether an alpha-masked triangle is absent at (u, v).
     pub fn is_cut_out(&self, triangle: usize, u: f32, v: f32) -> bool {
         let material = &self.materials[self.mesh.triangle_materials[triangle] as usize];
