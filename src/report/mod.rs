@@ -3,6 +3,7 @@
 pub mod assemble;
 pub mod comparison;
 pub mod figures;
+pub mod flip;
 pub mod page;
 pub mod plot;
 
