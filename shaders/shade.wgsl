@@ -102,12 +102,12 @@ fn indirect_irradiance(uv: vec2f) -> vec3f {
     let f = p - base;
     let low = clamp(vec2i(base), vec2i(0), last);
     let high = clamp(vec2i(base) + 1, vec2i(0), last);
-    let top = mix(texel(low.x, low.y), texel(high.x, low.y), f.x);
-    let bottom = mix(texel(low.x, high.y), texel(high.x, high.y), f.x);
+    let top = mix(irradiance_at(low.x, low.y), irradiance_at(high.x, low.y), f.x);
+    let bottom = mix(irradiance_at(low.x, high.y), irradiance_at(high.x, high.y), f.x);
     // A truncated basis may ring below zero; light does not.
     return max(mix(top, bottom, f.y), vec3f(0.0));
 }
 
-fn texel(x: i32, y: i32) -> vec3f {
+fn irradiance_at(x: i32, y: i32) -> vec3f {
     return textureLoad(irradiance, vec2i(x, y), 0).rgb;
 }
