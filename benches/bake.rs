@@ -10,7 +10,7 @@ use relight::measure::MeasurementPoints;
 use relight::model::Channels;
 use relight::progress::Silent;
 use relight::scene::{Asset, Lightmap, Tracer, UvPolicy, generate, lay_out};
-use relight::transfer::{Fit, Gram, Lambda, Method, TrainSettings};
+use relight::transfer::{Fit, Gram, Lambda, LocalFit, Method, Precision, Terms, TrainSettings};
 use relight::transport::{BakeSettings, Integrator, bake};
 
 const SETTINGS: BakeSettings = BakeSettings { paths: 16, max_bounces: 8, seed: 1, integrator: Integrator::Gather };
@@ -103,7 +103,7 @@ fn texels(c: &mut Criterion) {
     }
 }
 
-/// Gram matrix, basis and transfer matrix of 256 conditions and 128 points.
+/// Gram matrix, basis and transfer matrix of 256 conditions and 128 points, and local bases.
 fn training(c: &mut Criterion) {
     let (asset, lightmap) = cornell(SIZE);
     let tracer = Tracer::new(&asset);
@@ -118,5 +118,16 @@ fn training(c: &mut Criterion) {
         let settings = TrainSettings { method: Method::Linear, channels, elements: 16, lambda: Lambda::LeaveOneOut };
         let id = BenchmarkId::new("fit", format!("{channels:?}"));
         group.bench_function(id, |b| b.iter(|| Fit::train(&dataset, &gram, settings).unwrap()));
+    }
+    let settings =
+        TrainSettings { method: Method::Local, channels: Channels::Mono, elements: 4, lambda: Lambda::LeaveOneOut };
+    let fit = Fit::train(&dataset, &gram, settings).unwrap();
+    let places: Vec<_> = lightmap.spots(&asset.mesh).into_iter().map(|spot| (spot.centre, spot.normal)).collect();
+    let terms = || Terms::new(&fit, &dataset, &places, 128, &Silent).unwrap();
+    group.bench_function("local/terms", |b| b.iter(terms));
+    let terms = terms();
+    for channels in [4, 8] {
+        let id = BenchmarkId::new("local/fit", channels);
+        group.bench_function(id, |b| b.iter(|| LocalFit::train(&terms, channels, Precision::Byte)));
     }
 }

@@ -5,8 +5,6 @@ struct Frame {
     shadow_offset: f32,       // metres by which a shadow ray starts off its surface
     extent: f32,              // metres: no segment between two points of the asset is longer
     light_count: u32,
-    basis_layers: u32,        // layers of the basis texture
-    basis_components: u32,    // 1: four scalar elements a layer; 3: one RGB element a layer
     shown: u32,               // SHOW_ bits
     samples_per_axis: u32,    // samples along each side of a pixel
 }

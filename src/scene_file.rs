@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::light::Scenario;
 use crate::model::Channels;
 use crate::scene::{Asset, Camera, SceneError, UvPolicy, generate, load};
-use crate::transfer::{Lambda, Method};
+use crate::transfer::{Lambda, Method, Precision};
 use crate::transport::Integrator;
 
 #[derive(Debug, thiserror::Error)]
@@ -144,26 +144,44 @@ impl Default for BakeSettings {
 #[serde(default, deny_unknown_fields)]
 pub struct TrainSettings {
     pub method: Method,
-    /// n, basis elements; the mean counts as one for `belcour`.
-    pub basis: usize,
+    /// n, basis elements, of which the mean counts as one for `belcour`; channels a texel for `local`. Absent: 4 for `local`,
+    /// else 16.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub basis: Option<usize>,
     pub channels: Channels,
-    /// λ relative to trace(DDᵀ)/P; absent: leave-one-out for `linear`, the published value for `belcour`.
+    /// λ relative to trace(DDᵀ)/P; absent: the published value for `belcour`, else leave-one-out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lambda: Option<f64>,
+    /// Anchors of `local`, between which coefficients are interpolated.
+    pub anchors: usize,
+    /// Bits of a channel of `local`: 8 or 16.
+    pub bits: u32,
 }
 
 impl Default for TrainSettings {
     fn default() -> Self {
-        Self { method: Method::Linear, basis: 16, channels: Channels::Mono, lambda: None }
+        Self { method: Method::Linear, basis: None, channels: Channels::Mono, lambda: None, anchors: 128, bits: 8 }
     }
 }
 
+/// Most channels a texel of `local`: beyond, a global basis is as good.
+const MOST_CHANNELS: usize = 16;
+
 impl TrainSettings {
+    /// n.
+    pub fn elements(&self) -> usize {
+        self.basis.unwrap_or(if self.method == Method::Local { 4 } else { 16 })
+    }
+
+    pub fn precision(&self) -> Precision {
+        if self.bits == 8 { Precision::Byte } else { Precision::Half }
+    }
+
     /// The λ that the settings mean for `method`.
     pub fn lambda_for(&self, method: Method) -> Lambda {
         match (self.lambda, method) {
             (Some(value), _) => Lambda::Relative(value),
-            (None, Method::Linear) => Lambda::LeaveOneOut,
+            (None, Method::Linear | Method::Local) => Lambda::LeaveOneOut,
             (None, Method::Belcour) => crate::transfer::PUBLISHED_LAMBDA,
         }
     }
@@ -212,13 +230,21 @@ impl SceneFile {
             ("bake.held_out", self.bake.held_out as u64, 1, 65536),
             ("bake.paths", self.bake.paths as u64, 1, 1 << 20),
             ("bake.max_bounces", self.bake.max_bounces as u64, 1, 1024),
-            ("train.basis", self.train.basis as u64, 1, 1024),
+            ("train.basis", self.train.elements() as u64, 1, 1024),
+            ("train.anchors", self.train.anchors as u64, 1, 256),
         ];
         let error = |message: String| SceneFileError::Setting { place: place.to_owned(), message };
         for (name, value, least, most) in limits {
             if !(least..=most).contains(&value) {
                 return Err(error(format!("{name} = {value} must be from {least} to {most}")));
             }
+        }
+        if self.train.method == Method::Local && self.train.elements() > MOST_CHANNELS {
+            let channels = self.train.elements();
+            return Err(error(format!("train.basis = {channels} channels a texel; `local` has 1 to {MOST_CHANNELS}")));
+        }
+        if ![8, 16].contains(&self.train.bits) {
+            return Err(error(format!("train.bits = {} must be 8 or 16", self.train.bits)));
         }
         if let Some(lambda) = self.train.lambda
             && !(lambda.is_finite() && lambda >= 0.0)

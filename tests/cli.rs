@@ -289,7 +289,7 @@ fn compare_writes_its_report() {
         assert_eq!(data_driven, row["points"] == 16, "{row}");
         assert!(number(&row["mean"]) > 0.0 && number(&row["mean"]) < 100.0, "{row}");
     }
-    assert_eq!(methods, ["belcour", "linear", "sh_prt_texel", "sh_prt_vertex"].into());
+    assert_eq!(methods, ["belcour", "linear", "local", "sh_prt_texel", "sh_prt_vertex"].into());
     let csv = std::fs::read_to_string(work.path("report/errors.csv")).unwrap();
     assert_eq!(csv.lines().count(), rows.len() + 1);
     // What the model was trained to is what comes out again.

@@ -40,6 +40,7 @@ fn main() {
         trial("measure_matches_for_lights_of_many_parts", measure_parts),
         trial("downsample_averages_the_same_neighbours", downsample),
         trial("transfer_matches_for_mono_multi_and_mean", transfer),
+        trial("reconstruct_matches_for_global_and_local_bases", reconstruct),
         trial("basis_lookup_matches", basis_lookup),
         trial("whole_picture_matches", whole_picture),
         trial("many_lights_fit_after_few", many_lights),
@@ -242,34 +243,69 @@ fn wall_view() -> View {
     View { samples_per_axis: 1, ..View::new(camera, 96, 64) }
 }
 
+/// A global and a local basis, mono and multi; the last layer of each is full or not.
+fn bases() -> [Model; 4] {
+    [
+        room::model(Channels::Mono, 6, false),
+        room::model(Channels::Multi, 5, false),
+        room::local_model(Channels::Mono, 5),
+        room::local_model(Channels::Multi, 4),
+    ]
+}
+
+fn reconstruct() {
+    for model in bases() {
+        let coefficients = room::coefficients(model.basis.coefficients());
+        let mut runtime = Runtime::new(&model).unwrap();
+        runtime.set_coefficients(&coefficients);
+        let gpu = runtime.irradiance().unwrap();
+        // n sums of four products each, and their product with the value: a rounding of the sum of magnitudes each. WGSL's
+        // exp2 is off by at most 3 + 2·16 units in the last place.
+        let magnitudes = model.basis.elements as f32 * 1.4 * 0.7;
+        let tolerance = (4 * model.basis.elements + 40) as f32 * EPSILON * magnitudes;
+        let misses = |cpu: &[Rgb]| {
+            assert_eq!(cpu.len(), gpu.len());
+            gpu.iter().zip(cpu).filter(|(g, c)| !(**g - **c).abs().cmple(Vec3::splat(tolerance)).all()).count()
+        };
+        let what = format!("{:?}, anchors: {}", model.transfer.channels, model.basis.anchors.is_some());
+        assert_eq!(misses(&model.basis.reconstruct(&coefficients).values), 0, "{what}");
+        let mut wrong = coefficients.clone();
+        wrong[model.basis.elements - 1] += 0.01;
+        assert!(misses(&model.basis.reconstruct(&wrong).values) > 100, "{what}: a changed coefficient goes unnoticed");
+    }
+}
+
 fn basis_lookup() {
-    for (channels, elements) in [(Channels::Mono, 6), (Channels::Multi, 5)] {
-        let model = room::model(channels, elements, false);
-        let coefficients = room::coefficients(elements);
+    for model in bases() {
+        let coefficients = room::coefficients(model.basis.coefficients());
         let mut runtime = Runtime::new(&model).unwrap();
         let tracer = Tracer::new(&model.asset);
         let no_lights = LightTable::new(&[], &EmissionFacets::default());
-        let mut differences = |u: &[Rgb]| {
-            runtime.set_coefficients(u);
+        let mut differences = |coefficients: &[Rgb], scale: f32| {
+            let scaled: Vec<Rgb> = coefficients.iter().map(|u| *u * scale).collect();
+            runtime.set_coefficients(&scaled);
             runtime.draw(&wall_view(), Shown::IndirectOnWhite).unwrap();
             let gpu = runtime.read_picture(&wall_view()).unwrap();
             let cpu =
-                model.render_with(&tracer, &wall_view(), &no_lights, &coefficients, Shown::IndirectOnWhite).unwrap();
+                model.render_with(&tracer, &wall_view(), &no_lights, coefficients, Shown::IndirectOnWhite).unwrap();
             gpu.pixels.iter().zip(&cpu.pixels).map(|(g, c)| (*g - *c).abs().max_element()).fold(0.0, f32::max)
         };
-        // Texture units round the weights of a bilinear lookup to 8 bits: half a step along each axis, times the largest
-        // difference of two texels.
-        let values = || model.basis.values.iter().map(|v| v.to_f32());
-        let span = values().fold(f32::MIN, f32::max) - values().fold(f32::MAX, f32::min);
-        let weight: f32 = coefficients.iter().map(|u| u.abs().max_element()).sum();
-        let tolerance = 2.0 / 512.0 * weight * span * FRAC_1_PI;
-        let largest = differences(&coefficients);
-        assert!(largest <= tolerance, "{channels:?}: {largest} over {tolerance}");
-        println!("{channels:?}: largest difference {largest:e}, tolerance {tolerance:e}");
-        let last = coefficients.len() - 1;
-        let mut wrong = coefficients.clone();
-        wrong[last] += 0.2;
-        assert!(differences(&wrong) > tolerance, "a changed coefficient goes unnoticed");
+        // The rasteriser places vertices to 1/256 of a pixel, and a pixel is less than a texel: so much of the largest
+        // difference of two texels along each axis.
+        let values = model.basis.reconstruct(&coefficients).values;
+        let brightest = |of: fn(&Rgb) -> f32| values.iter().map(of).fold(0.0, f32::max);
+        let span = brightest(|v| v.max_element()) + brightest(|v| (-*v).max_element());
+        let tolerance = 2.0 / 256.0 * span * FRAC_1_PI;
+        let what = format!("{:?}, anchors: {}", model.transfer.channels, model.basis.anchors.is_some());
+        // What is under zero is shown as nothing: of the coefficients and their opposites one lights the wall.
+        let opposite: Vec<Rgb> = coefficients.iter().map(|u| -*u).collect();
+        for coefficients in [&coefficients, &opposite] {
+            let largest = differences(coefficients, 1.0);
+            println!("{what}: largest difference {largest:e}, tolerance {tolerance:e}");
+            assert!(largest <= tolerance, "{what}: {largest} over {tolerance}");
+        }
+        let control = differences(&coefficients, 1.2).max(differences(&opposite, 1.2));
+        assert!(control > tolerance, "{what}: a fifth more light goes unnoticed");
     }
 }
 
@@ -320,8 +356,9 @@ fn differing_pixels(gpu: &Picture, cpu: &Picture) -> Vec<(u32, u32, f32)> {
 fn whole_picture() {
     let view = room::view(160, 120);
     let lights = room::lights();
-    for (channels, elements) in [(Channels::Mono, 6), (Channels::Multi, 3)] {
-        let model = room::model(channels, elements, false);
+    let local = room::local_model(Channels::Mono, 4);
+    for model in [room::model(Channels::Mono, 6, false), room::model(Channels::Multi, 3, false), local] {
+        let channels = model.transfer.channels;
         let tracer = Tracer::new(&model.asset);
         let mut runtime = Runtime::new(&model).unwrap();
         for shown in [Shown::Full, Shown::Direct, Shown::Indirect, Shown::IndirectOnWhite] {

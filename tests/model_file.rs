@@ -17,7 +17,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use relight::light::{EmissionFacets, LightTable};
 use relight::math::Rgb;
-use relight::model::{Channels, Model};
+use relight::model::{Channels, Model, Values};
 use relight::scene::Tracer;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
@@ -34,6 +34,7 @@ fn main() {
         trial("equal_seeds_give_equal_bytes_on_any_number_of_threads", equal_seeds_give_equal_bytes),
         trial("truncated_and_flipped_files_load_or_give_one_line", mangled_files),
         trial("each_broken_rule_has_its_message", each_broken_rule_has_its_message),
+        trial("broken_local_models_have_their_messages", broken_local_models_have_their_messages),
         trial("models_that_cannot_be_read_are_named", models_that_cannot_be_read_are_named),
         Trial::test("numpy_reconstructs_the_same_lightmap", in_python).with_ignored_flag(no_python),
     ];
@@ -62,11 +63,16 @@ fn saved(model: &Model) -> Vec<u8> {
 
 /// A trained model of the Cornell box that takes a moment, with the size and settings of a toy.
 fn trained(seed: u64, threads: usize) -> Vec<u8> {
+    trained_with(seed, threads, &[])
+}
+
+fn trained_with(seed: u64, threads: usize, more: &[&str]) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cornell.relight");
     let arguments = "train --size 16 --conditions 24 --held-out 8 --paths 4 --points 16 --basis 4";
     let status = Command::new(env!("CARGO_BIN_EXE_relight"))
         .args(arguments.split(' '))
+        .args(more)
         .args(["--seed", &seed.to_string(), "--threads", &threads.to_string(), "-o"])
         .arg(&path)
         .output()
@@ -105,15 +111,22 @@ fn saved_models_come_back_whole() {
             let back = loaded(&saved(&model)).unwrap();
             assert_eq!(differences(&model, &back), [""; 0], "{channels:?}, mean {mean}");
             model.record.held_out.mean = f64::from_bits(model.record.held_out.mean.to_bits() + 1);
-            model.basis.values[7] = f16::from_f32(9.0);
+            let Values::Half(values) = &mut model.basis.values else { unreachable!("the room's") };
+            values[7] = f16::from_f32(9.0);
             assert_eq!(differences(&model, &back), ["basis", "record"], "the control");
         }
+        let mut model = room::local_model(channels, 5);
+        let back = loaded(&saved(&model)).unwrap();
+        assert_eq!(differences(&model, &back), [""; 0], "local, {channels:?}");
+        model.basis.anchors.as_mut().unwrap().shares[3][3] ^= 1;
+        assert_eq!(differences(&model, &back), ["basis"], "the control");
     }
     let bytes = trained(1, 2);
     assert_eq!(saved(&loaded(&bytes).unwrap()), bytes, "a model that is loaded and saved again is the same file");
 }
 
 fn equal_seeds_give_equal_bytes() {
+    assert!(trained_with(5, 1, &["--method", "local"]) == trained_with(5, 2, &["--method", "local"]), "local");
     let first = trained(5, 1);
     assert!(first == trained(5, 1), "the same command twice");
     assert!(first == trained(5, 2), "one thread and two");
@@ -128,7 +141,7 @@ fn survives(bytes: &[u8], what: &str) -> bool {
         let u = model
             .transfer
             .coefficients(&model.points.direct(&tracer, &LightTable::new(&room::lights(), &EmissionFacets::default())));
-        model.basis.sample(glam::Vec2::splat(0.5), &u);
+        model.basis.reconstruct(&u).sample(glam::Vec2::splat(0.5));
         Ok::<_, String>(())
     }));
     outcome.unwrap_or_else(|_| panic!("{what} makes the reader panic")).is_ok()
@@ -201,8 +214,8 @@ fn each_broken_rule_has_its_message() {
         ("tensor points.neighbours has index 4294967295", |p, _| p.put("points.neighbours", &[255; 4])),
         ("tensor mesh.triangles has index 4294967295", |p, _| p.put("mesh.triangles", &[255; 4])),
         ("tensor mesh.triangle_materials has index", |p, _| p.put("mesh.triangle_materials", &[255; 4])),
-        ("tensor transfer or basis is not finite", |p, nan| p.put("transfer", &nan)),
-        ("tensor transfer or basis is not finite", |p, _| p.put("basis", &f16::NAN.to_le_bytes())),
+        ("tensor transfer is not finite", |p, nan| p.put("transfer", &nan)),
+        ("tensor basis is not finite", |p, _| p.put("basis", &f16::NAN.to_le_bytes())),
         ("tensor mesh.positions is not finite", |p, nan| p.put("mesh.positions", &nan)),
         ("tensor sub_points.albedo is not finite", |p, nan| p.put("sub_points.albedo", &nan)),
         ("tensor basis is [4, 1, 8, 128], expected square layers", |p, _| {
@@ -228,6 +241,35 @@ fn each_broken_rule_has_its_message() {
         let error = loaded(&parts.bytes()).map(|_| ()).expect_err(expected);
         assert!(error.contains(expected), "{error}\nexpected: {expected}");
         assert!(error.contains("relight train"), "says what to do: {error}");
+    }
+}
+
+fn broken_local_models_have_their_messages() {
+    let original = saved(&room::local_model(Channels::Mono, 4));
+    type Change = fn(&mut Parts);
+    let cases: [(&str, Change); 5] = [
+        ("tensor transfer is [3, 36, 61], expected 4 rows for each of 256 anchors", |p| {
+            p.put("anchors.indices", &[255])
+        }),
+        ("tensor anchors.shares is missing", |p| p.remove("anchors.shares")),
+        ("tensor transfer is F32 [3, 36, 61], expected F32 [3, 4, 61]", |p| p.remove("anchors.indices")),
+        ("tensor anchors.indices is U8 [1, 1024, 4], expected U8 [32, 32, 4]", |p| {
+            p.tensor("anchors.indices").2 = vec![1, 1024, 4];
+        }),
+        ("a local basis has no mean", |p| p.metadata["mean_scaled_by_norm"] = true.into()),
+    ];
+    for (expected, change) in cases {
+        let mut parts = Parts::of(&original);
+        change(&mut parts);
+        let error = loaded(&parts.bytes()).map(|_| ()).expect_err(expected);
+        assert!(error.contains(expected), "{error}\nexpected: {expected}");
+    }
+    let mut rng = Pcg64Mcg::seed_from_u64(8);
+    for round in 0..100 {
+        let mut bytes = original.clone();
+        let at = rng.random_range(0..bytes.len());
+        bytes[at] ^= 1 << rng.random_range(0..8);
+        survives(&bytes, &format!("local, flip of round {round}"));
     }
 }
 
@@ -257,7 +299,20 @@ basis = tensors["basis"].astype("f8")
 transfer = tensors["transfer"].astype("f8")
 elements, components, size, _ = basis.shape
 assert tensors["points.position"].shape == x.shape
-if components == 1:
+if "anchors.indices" in tensors:
+    indices, shares = tensors["anchors.indices"], tensors["anchors.shares"].astype("f8")
+    scale = 2 ** ((shares[:, :, 3] - 255) / 16)
+    shares[:, :, 3] = 255 - shares[:, :, :3].sum(axis=2)
+    if components == 1:
+        u = numpy.stack([transfer[c] @ x[:, c] for c in range(3)], axis=1)
+    else:
+        u = numpy.repeat((transfer[0] @ x.reshape(-1))[:, None], 3, axis=1)
+    u = u.reshape(-1, elements, 3)
+    mixed = numpy.einsum("yxk,yxkjc->yxjc", shares / 255, u[indices])
+    b = numpy.broadcast_to(basis / 127, (elements, components, size, size))
+    b = numpy.repeat(b, 3 // components, axis=1)
+    result = numpy.einsum("yxjc,jcyx->yxc", mixed, b) * scale[:, :, None]
+elif components == 1:
     u = numpy.stack([transfer[c] @ x[:, c] for c in range(3)], axis=1)
     result = numpy.einsum("jc,jyx->yxc", u, basis[:, 0])
 else:
@@ -268,8 +323,9 @@ result.astype("<f4").tofile(sys.argv[3])
 
 fn numpy_reconstructs_the_same_lightmap(python: &Path) {
     let mut rng = Pcg64Mcg::seed_from_u64(3);
-    for channels in [Channels::Mono, Channels::Multi] {
-        let model = room::model(channels, 6, false);
+    let global = [Channels::Mono, Channels::Multi].map(|channels| room::model(channels, 6, false));
+    let local = [Channels::Mono, Channels::Multi].map(|channels| room::local_model(channels, 4));
+    for model in global.into_iter().chain(local) {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         model.save(&at("a.relight")).unwrap();
@@ -289,16 +345,20 @@ fn numpy_reconstructs_the_same_lightmap(python: &Path) {
         // Ours sums P (or 3P) and then n products in f32: a rounding of the sum of magnitudes each.
         let mut magnitudes = model.clone();
         magnitudes.transfer.matrices.iter_mut().flatten().for_each(|m| *m = m.abs());
-        magnitudes.basis.values.iter_mut().for_each(|v| *v = f16::from_f32(v.to_f32().abs()));
+        match &mut magnitudes.basis.values {
+            Values::Half(values) => values.iter_mut().for_each(|v| *v = f16::from_f32(v.to_f32().abs())),
+            Values::Byte(codes) => codes.iter_mut().for_each(|c| *c = c.abs()),
+        }
         let bound = magnitudes.transfer.coefficients(&direct);
-        let roundings = (3 * direct.len() + u.len() + 4) as f32 * f32::EPSILON;
+        // A local basis has four anchors' shares and a power of two besides.
+        let roundings = (3 * direct.len() + u.len() + 16) as f32 * f32::EPSILON;
         let misses = |scale: f32| {
-            let texels = (0..size * size).map(|t| (t % size, t / size));
-            let ours = texels.map(|(x, y)| (model.basis.texel(x, y, &u) * scale, magnitudes.basis.texel(x, y, &bound)));
+            let [ours, bound] = [model.basis.reconstruct(&u), magnitudes.basis.reconstruct(&bound)].map(|i| i.values);
+            let ours = ours.into_iter().map(|v| v * scale).zip(bound);
             let theirs = theirs.chunks_exact(3).map(Rgb::from_slice);
             ours.zip(theirs).filter(|((a, bound), b)| !(*a - *b).abs().cmple(*bound * roundings).all()).count()
         };
-        assert_eq!(misses(1.0), 0, "{channels:?}");
+        assert_eq!(misses(1.0), 0, "{:?}, {} channels", model.transfer.channels, model.basis.elements);
         assert!(misses(1.01) > size * size / 2, "a lightmap one percent brighter goes unnoticed");
     }
 }

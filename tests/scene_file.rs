@@ -145,9 +145,11 @@ fn scene_file() -> impl Strategy<Value = SceneFile> {
             },
             train: TrainSettings {
                 method: if belcour { Method::Belcour } else { Method::Linear },
-                basis,
+                basis: second.then_some(basis),
                 channels: if multi { Channels::Multi } else { Channels::Mono },
                 lambda,
+                anchors: sub_points,
+                bits: if multi { 8 } else { 16 },
             },
             camera: camera.map(|(eye, target, vertical_fov)| Camera { eye, target, up: Vec3::Y, vertical_fov }),
         }

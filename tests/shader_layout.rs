@@ -6,7 +6,8 @@ use std::mem::offset_of;
 use naga::TypeInner;
 use relight::gpu::shader::Stage;
 use relight::gpu::{
-    Blocker, FrameUniforms, GpuLight, GpuMaterial, Node, SubPoint, TextureUse, TransferShape, Triangle, Vertex,
+    BasisShape, Blocker, FrameUniforms, GpuLight, GpuMaterial, Node, SubPoint, TextureUse, TransferShape, Triangle,
+    Vertex,
 };
 
 /// Offset of each field, and the stride of the struct in an array.
@@ -55,8 +56,6 @@ fn rust_and_wgsl_structs_agree() {
                 shadow_offset,
                 extent,
                 light_count,
-                basis_layers,
-                basis_components,
                 shown,
                 samples_per_axis,
             }),
@@ -85,6 +84,7 @@ fn rust_and_wgsl_structs_agree() {
         ("Node", layout_of!(Node { low, after, high, primitives })),
         ("Blocker", layout_of!(Blocker { a, triangle, b, masked, c })),
         ("SubPoint", layout_of!(SubPoint { position, normal, geometric_normal, albedo })),
+        ("BasisShape", layout_of!(BasisShape { size, layers, components, elements, anchors })),
         ("TransferShape", layout_of!(TransferShape { points, interleaved, mean_scaled_by_norm })),
     ];
     for (name, layout) in rust {

@@ -2,15 +2,18 @@
 
 use std::sync::Once;
 
+use glam::Vec3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use relight::dataset::{Dataset, Indirect};
 use relight::light::LightingCondition;
 use relight::math::Rgb;
-use relight::model::Channels;
+use relight::model::{Basis, Channels, Transfer};
 use relight::progress::Silent;
 use relight::transfer::ridge::Ridge;
-use relight::transfer::{Fit, Gram, HeldOutErrors, Lambda, Method, TrainSettings, TransferError};
+use relight::transfer::{
+    Fit, Gram, HeldOutErrors, Lambda, LocalFit, Method, Precision, Terms, TrainSettings, TransferError,
+};
 
 /// I = G D + noise with a random transport G of the given rank: direct vectors are `rank` random patterns mixed at random.
 fn synthetic(points: usize, texels: usize, training: usize, held_out: usize, rank: usize, noise: f64) -> Dataset {
@@ -266,4 +269,155 @@ fn values_that_are_not_finite_are_an_error() {
     let Indirect::Memory(lightmaps) = &mut dataset.indirect else { unreachable!() };
     lightmaps[100] = f32::NAN;
     assert!(matches!(Gram::of(&dataset, &Silent), Err(TransferError::NotFinite { .. })));
+}
+
+/// A local fit with all that is made of it; its page holds the texels as they are.
+struct Local {
+    fit: LocalFit,
+    errors: HeldOutErrors,
+    basis: Basis,
+    transfer: Transfer,
+}
+
+fn local(dataset: &Dataset, channels: Channels, size: usize, anchors: usize, precision: Precision) -> Local {
+    let gram = Gram::of(dataset, &Silent).unwrap();
+    let settings = settings(Method::Local, channels, size, Lambda::Relative(1e-9));
+    let global = Fit::train(dataset, &gram, settings).unwrap();
+    let side = dataset.texels().isqrt();
+    // A square sheet.
+    let at = |t: usize| (Vec3::new((t % side) as f32, (t / side) as f32, 0.0), Vec3::Z);
+    let places: Vec<_> = (0..dataset.texels()).map(at).collect();
+    let terms = Terms::new(&global, dataset, &places, anchors, &Silent).unwrap();
+    let fit = LocalFit::train(&terms, size, precision);
+    let errors = HeldOutErrors::of_local(&fit, &terms, channels, dataset, &gram, &Silent).unwrap();
+    let sources: Vec<u32> = (0..dataset.texels() as u32).collect();
+    let basis = fit.page(&terms, &sources, &|planes| planes.to_vec());
+    let transfer = fit.transfer(&terms, channels);
+    Local { fit, errors, basis, transfer }
+}
+
+/// Data of rank r need r channels, whatever the anchors are: their frames are all the same. Half floats round by 2⁻¹².
+#[test]
+fn a_local_basis_recovers_low_rank_transport() {
+    let dataset = synthetic(24, 400, 40, 20, 6, 0.0);
+    let errors = |size| local(&dataset, Channels::Mono, size, 8, Precision::Half).errors.summary();
+    assert!(errors(6).worst < 1e-3 && errors(6).oracle_mean < 1e-3, "{:?}", errors(6));
+    assert!(errors(5).mean > 1e-2, "the control: one channel fewer cannot do it, {:?}", errors(5));
+    // Nearly as well with 8 bits: 127ths of the texel's largest channel.
+    let bytes = local(&dataset, Channels::Mono, 6, 8, Precision::Byte).errors.summary();
+    assert!(bytes.worst < 1e-2, "{bytes:?}");
+}
+
+/// A rank of its own in each quarter of the sheet: many for a global basis, few for a local one.
+#[test]
+fn a_local_basis_needs_few_channels_for_light_that_differs_from_place_to_place() {
+    let mut dataset = synthetic(32, 1600, 60, 20, 16, 0.0);
+    let n = dataset.conditions.len();
+    let Indirect::Memory(lightmaps) = &mut dataset.indirect else { unreachable!() };
+    // Four points each light a quarter.
+    for (t, row) in lightmaps.chunks_mut(3 * n).enumerate() {
+        let quarter = (t % 40 / 20) + 2 * (t / 40 / 20);
+        for channel in 0..3 {
+            for condition in 0..n {
+                let at = |p: usize| dataset.direct[p * 3 * n + channel * n + condition];
+                let mix = [1.0, t as f32 % 7.0, t as f32 % 5.0, t as f32 % 3.0];
+                row[channel * n + condition] = (0..4).map(|i| mix[i] * at(4 * quarter + i)).sum();
+            }
+        }
+    }
+    let (_, global) = fit(&dataset, settings(Method::Linear, Channels::Mono, 4, Lambda::Relative(1e-9)));
+    let few = local(&dataset, Channels::Mono, 4, 64, Precision::Byte);
+    let (global, local) = (global.summary().mean, few.errors.summary().mean);
+    assert!(local < 0.3 * global, "{local} and {global}");
+}
+
+/// What comes from inner products is what the stored basis and the matrices show, texel by texel; and no transfer is better
+/// than the oracle.
+#[test]
+fn errors_of_a_local_basis_are_those_of_the_definition() {
+    let dataset = synthetic(12, 144, 40, 10, 9, 0.3);
+    for (channels, precision) in
+        [(Channels::Mono, Precision::Byte), (Channels::Mono, Precision::Half), (Channels::Multi, Precision::Byte)]
+    {
+        let model = local(&dataset, channels, 3, 5, precision);
+        for (h, (&expected, &oracle)) in dataset.held_out().zip(model.errors.transfer.iter().zip(&model.errors.oracle))
+        {
+            let image = model.basis.reconstruct(&model.transfer.coefficients(&direct_of(&dataset, h)));
+            let error = error_of_image(&dataset, &image.values, h);
+            assert!((error - expected).abs() < 1e-4 * expected, "{channels:?}: {error} against {expected}");
+            assert!(oracle <= expected + 1e-9);
+            let mut brighter = image.values.clone();
+            brighter.iter_mut().for_each(|v| *v *= 1.01);
+            assert!((error_of_image(&dataset, &brighter, h) - expected).abs() > 1e-4 * expected, "the control");
+        }
+    }
+}
+
+/// Relative RMSE of a lightmap, from its definition.
+fn error_of_image(dataset: &Dataset, image: &[Rgb], condition: usize) -> f64 {
+    let n = dataset.conditions.len();
+    let (mut error, mut norm) = (0.0, 0.0);
+    for (t, estimate) in image.iter().enumerate() {
+        for channel in 0..3 {
+            let truth = indirect(dataset)[t * 3 * n + channel * n + condition] as f64;
+            error += dataset.texel_areas[t] as f64 * (truth - estimate[channel] as f64).powi(2);
+            norm += dataset.texel_areas[t] as f64 * truth * truth;
+        }
+    }
+    (error / norm).sqrt()
+}
+
+/// Both steps of the alternation minimise the same sum, up to their ridge of 10⁻⁶.
+#[test]
+fn the_loss_of_the_alternation_falls() {
+    let dataset = synthetic(12, 400, 40, 10, 9, 0.3);
+    let losses = local(&dataset, Channels::Mono, 3, 16, Precision::Half).fit.losses;
+    assert!(losses.windows(2).all(|w| w[1] <= w[0] + 1e-5), "{losses:?}");
+    assert!(losses[losses.len() - 1] < 0.9 * losses[0], "{losses:?}");
+}
+
+/// Light adds: the lightmap of two lights together is the sum of theirs, to f32 rounding.
+#[test]
+fn lightmaps_of_two_lights_add_with_a_local_basis() {
+    let dataset = synthetic(12, 144, 40, 10, 9, 0.3);
+    let model = local(&dataset, Channels::Mono, 4, 8, Precision::Byte);
+    let image = |x: &[Rgb]| model.basis.reconstruct(&model.transfer.coefficients(x)).values;
+    let (a, b) = (direct_of(&dataset, 41), direct_of(&dataset, 45));
+    let both: Vec<Rgb> = a.iter().zip(&b).map(|(a, b)| *a + *b).collect();
+    let brightest = image(&both).iter().fold(0f32, |m, v| m.max(v.max_element()));
+    for ((a, b), both) in image(&a).iter().zip(&image(&b)).zip(&image(&both)) {
+        assert!((*a + *b - *both).abs().max_element() < 1e-4 * brightest, "{a} + {b} and {both}");
+    }
+}
+
+/// The same bits on any number of threads.
+#[test]
+fn a_local_basis_does_not_depend_on_the_number_of_threads() {
+    let dataset = synthetic(12, 400, 40, 10, 9, 0.3);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let model = pool.install(|| local(&dataset, Channels::Mono, 4, 16, Precision::Byte));
+        (model.basis, model.transfer, model.errors)
+    };
+    assert!(on(1) == on(3));
+}
+
+/// Conditions that light nothing, a single one, repeated ones, fewer texels than anchors: finite, and no panic.
+#[test]
+fn degenerate_datasets_have_a_local_basis() {
+    let mut dark = synthetic(12, 81, 20, 10, 4, 0.1);
+    let n = dark.conditions.len();
+    for row in dark.direct.chunks_mut(3 * n) {
+        (0..3).for_each(|c| row[c * n + 5] = 0.0);
+    }
+    let single = synthetic(12, 81, 1, 10, 1, 0.0);
+    let one_texel = synthetic(12, 1, 20, 10, 4, 0.1);
+    for (dataset, size) in [(&dark, 8), (&single, 1), (&one_texel, 4)] {
+        for precision in [Precision::Byte, Precision::Half] {
+            let model = local(dataset, Channels::Mono, size, 64, precision);
+            assert!(model.transfer.matrices.iter().flatten().all(|v| v.is_finite()));
+            assert!((0..model.basis.values.len()).all(|at| model.basis.values.get(at).is_finite()));
+            assert!(model.errors.transfer.iter().all(|e| e.is_finite()));
+        }
+    }
 }

@@ -85,9 +85,13 @@ pub fn compare(
         finish: &prepared.finish(&tracer),
         bake: prepared.bake_settings(),
         lambda: prepared.scene.train.lambda,
+        places: &prepared.places(),
+        anchors: prepared.scene.train.anchors,
+        precision: prepared.scene.train.precision(),
         reference_paths,
         memory: place.memory,
         fit: &trained.fit,
+        errors: &trained.errors,
         scenarios,
     };
     let report = inputs.assemble(reporter)?;

@@ -36,11 +36,14 @@ fn model_facts(model: &Model) -> Value {
         "model": model.asset.name,
         "trained by": format!("relight {}", record.version),
         "basis": {
-            "elements": transfer.elements,
+            "elements": model.basis.elements,
+            "anchors": model.basis.anchors.as_ref().map_or(Value::from("none: one basis for all texels"), |a| a.count.into()),
             "channels": transfer.channels,
             "mean among them": transfer.mean_scaled_by_norm,
             "lightmap": format!("{0} x {0}", model.basis.size),
-            "bytes": model.basis.values.len() * 2,
+            "bits of a value": 8 * model.basis.values.bytes() / model.basis.values.len().max(1),
+            "bytes a texel": model.basis.bytes_per_texel(),
+            "bytes": model.basis.bytes_per_texel() * model.basis.size * model.basis.size,
         },
         "measurement": {
             "points": model.points.points.len(),

@@ -3,14 +3,16 @@
 use std::path::Path;
 use std::time::Instant;
 
+use glam::Vec3;
+
 use crate::dataset::{Contrast, Dataset, Draw, Job, identity};
 use crate::light::LightingCondition;
 use crate::measure::MeasurementPoints;
-use crate::model::{Basis, HeldOut, Model, TrainingRecord};
+use crate::model::{Basis, HeldOut, Model, Scope, TrainingRecord, Transfer};
 use crate::progress::Progress;
 use crate::scene::{Asset, Finish, Lightmap, Tracer, lay_out};
 use crate::scene_file::SceneFile;
-use crate::transfer::{Fit, Gram, HeldOutErrors, TrainSettings, TransferError, fit_scope};
+use crate::transfer::{Fit, Gram, HeldOutErrors, LocalFit, Method, Terms, TrainSettings, TransferError, fit_scope};
 use crate::transport::BakeSettings;
 
 use super::storage::{Place, baked_settings};
@@ -28,7 +30,9 @@ pub struct Trained {
     pub model: Model,
     pub dataset: Dataset,
     pub gram: Gram,
+    /// The global fit that a local basis was fitted to, if it is local.
     pub fit: Fit,
+    pub errors: HeldOutErrors,
     /// Per texel.
     pub paths: u32,
     pub bake_seconds: f64,
@@ -121,7 +125,7 @@ impl Prepared {
     /// Bakes and trains.
     pub fn train(&self, place: &Place, reporter: &Reporter) -> Result<Trained, Failure> {
         let start = Instant::now();
-        let (all, elements) = (self.scene.bake.conditions, self.scene.train.basis);
+        let (all, elements) = (self.scene.bake.conditions, self.scene.train.elements());
         if all < elements {
             return Err(TransferError::TooFewConditions { kept: all, all, elements }.into());
         }
@@ -135,7 +139,7 @@ impl Prepared {
         let settings = TrainSettings {
             method: train.method,
             channels: train.channels,
-            elements: train.basis,
+            elements: train.elements(),
             lambda: train.lambda_for(train.method),
         };
         let fit = Fit::train(&dataset, &gram, settings)?;
@@ -143,28 +147,57 @@ impl Prepared {
             reporter
                 .note(&format!("{} of {} conditions light nothing and were dropped", fit.dropped, dataset.training));
         }
-        let errors = HeldOutErrors::of(&fit, &dataset, &gram);
-        let model = self.assemble(&tracer, points, &dataset, &fit, &errors, reporter)?;
+        let finish = self.finish(&tracer);
+        let (basis, transfer, errors) = match settings.method {
+            Method::Local => self.train_local(&finish, &fit, &dataset, &gram, reporter)?,
+            Method::Belcour | Method::Linear => {
+                let errors = HeldOutErrors::of(&fit, &dataset, &gram);
+                let (values, transfer) = fit.expand(&dataset, reporter)?;
+                (Basis::from_texels(&finish, transfer.elements, &values), transfer, errors)
+            }
+        };
+        let (record, scope) = self.record(&tracer, &points, &dataset, &fit, &errors)?;
+        let model = Model { asset: self.asset.clone(), points, basis, transfer, scope, record };
         let train_seconds = start.elapsed().as_secs_f64();
-        Ok(Trained { model, dataset, gram, fit, paths: self.scene.bake.paths, bake_seconds, train_seconds })
+        Ok(Trained { model, dataset, gram, fit, errors, paths: self.scene.bake.paths, bake_seconds, train_seconds })
     }
 
-    fn assemble(
+    /// A local basis from the global `fit`.
+    fn train_local(
+        &self,
+        finish: &Finish,
+        fit: &Fit,
+        dataset: &Dataset,
+        gram: &Gram,
+        reporter: &Reporter,
+    ) -> Result<(Basis, Transfer, HeldOutErrors), Failure> {
+        let train = &self.scene.train;
+        let terms = Terms::new(fit, dataset, &self.places(), train.anchors, reporter)?;
+        let local = LocalFit::train(&terms, train.elements(), train.precision());
+        let errors = HeldOutErrors::of_local(&local, &terms, train.channels, dataset, gram, reporter)?;
+        let basis = local.page(&terms, finish.sources(), &|planes| finish.path_traced_pages(planes));
+        Ok((basis, local.transfer(&terms, train.channels), errors))
+    }
+
+    /// Position and normal of each texel.
+    pub fn places(&self) -> Vec<(Vec3, Vec3)> {
+        self.lightmap.spots(&self.asset.mesh).into_iter().map(|spot| (spot.centre, spot.normal)).collect()
+    }
+
+    /// How the model was trained and how good it is, and how it tells what light it was trained on.
+    fn record(
         &self,
         tracer: &Tracer,
-        points: MeasurementPoints,
+        points: &MeasurementPoints,
         dataset: &Dataset,
         fit: &Fit,
         errors: &HeldOutErrors,
-        reporter: &Reporter,
-    ) -> Result<Model, Failure> {
-        let (values, transfer) = fit.expand(dataset, reporter)?;
-        let basis = Basis::from_texels(&self.finish(tracer), transfer.elements, &values);
+    ) -> Result<(TrainingRecord, Option<Scope>), Failure> {
         let summary = errors.summary();
         let noise = &dataset.noise[dataset.held_out()];
         let seed = self.scene.bake.seed;
         let held_out = dataset.held_out().map(|h| dataset.direct(h)).collect();
-        let contrast = Contrast::draw(tracer, &points, &self.scene.scenario, held_out, seed)?;
+        let contrast = Contrast::draw(tracer, points, &self.scene.scenario, held_out, seed)?;
         let (scope, separation) = fit_scope(&contrast, seed)?.unzip();
         let record = TrainingRecord {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -183,6 +216,6 @@ impl Prepared {
             },
             separation: separation.unwrap_or_default(),
         };
-        Ok(Model { asset: self.asset.clone(), points, basis, transfer, scope, record })
+        Ok((record, scope))
     }
 }

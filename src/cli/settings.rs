@@ -43,9 +43,16 @@ pub struct Overrides {
     /// Sub-points that each point averages
     #[arg(long)]
     pub sub_points: Option<usize>,
-    /// Basis elements
+    /// Basis elements; channels a texel of a local basis [default: 16; 4 for local]
     #[arg(long)]
     pub basis: Option<usize>,
+    /// Anchors of a local basis
+    #[arg(long)]
+    pub anchors: Option<usize>,
+    /// Bits of a channel of a local basis, 8 or 16
+    #[arg(long)]
+    pub bits: Option<u32>,
+    /// How basis and transfer are fitted
     #[arg(long)]
     pub method: Option<Method>,
     /// Whether colour channels share the vectors (multi) or have vectors of their own (mono)
@@ -80,10 +87,14 @@ impl Overrides {
         set(&mut scene.bake.seed, &self.seed);
         set(&mut scene.points.count, &self.points);
         set(&mut scene.points.sub_points, &self.sub_points);
-        set(&mut scene.train.basis, &self.basis);
+        set(&mut scene.train.anchors, &self.anchors);
+        set(&mut scene.train.bits, &self.bits);
         set(&mut scene.train.method, &self.method);
         set(&mut scene.train.channels, &self.channels);
         set(&mut scene.asset.materials, &self.materials);
+        if self.basis.is_some() {
+            scene.train.basis = self.basis;
+        }
         if self.denoise.is_some() {
             scene.bake.denoise = self.denoise;
         }

@@ -43,9 +43,17 @@ impl Place {
     pub fn check_training(&self, scene: &SceneFile, texels: usize) -> Result<(), Failure> {
         let (bake, train) = (&scene.bake, &scene.train);
         let all = bake.conditions + bake.held_out;
-        let size = scene.lightmap.size as usize;
-        let points = scene.points.count;
-        let fit = transfer::bytes_needed(train.channels, train.basis, bake.conditions, all, points, texels, size);
+        let fit = transfer::bytes_needed(&transfer::Extent {
+            method: train.method,
+            channels: train.channels,
+            elements: train.elements(),
+            anchors: train.anchors,
+            training: bake.conditions,
+            conditions: all,
+            points: scene.points.count,
+            texels,
+            lightmap_size: scene.lightmap.size as usize,
+        });
         let needed = Bytes(Bytes::resident().0 + slack() + fit);
         let so_far = Bytes(Bytes::peak().unwrap_or(0));
         let (what, needed, lower) = if needed > self.memory {

@@ -48,7 +48,7 @@ impl Train {
         let trained = prepared.train(&self.storage.place(&output), reporter)?;
         let bytes = trained.model.save(&output)?;
         if let Some(folder) = &self.debug_images {
-            write_debug_images(folder, &prepared, &trained, reporter)?;
+            write_debug_images(folder, &prepared, &trained)?;
         }
         let figures = figures(&trained, bytes, start.elapsed().as_secs_f64());
         print_summary(&trained, &output, bytes);
@@ -57,18 +57,13 @@ impl Train {
 }
 
 /// Pictures of the points (paper, Figure 4) and of the basis.
-fn write_debug_images(
-    folder: &Path,
-    prepared: &Prepared,
-    trained: &Trained,
-    reporter: &Reporter,
-) -> Result<(), Failure> {
+fn write_debug_images(folder: &Path, prepared: &Prepared, trained: &Trained) -> Result<(), Failure> {
     let tracer = Tracer::new(&prepared.asset);
     let points = pictures::point_images(&tracer, &trained.model.points)?;
     for (name, image) in ["points", "sub-points"].iter().zip(points) {
         super::write_file(&folder.join(format!("{name}.png")), &image.png)?;
     }
-    let basis = pictures::basis_images(&prepared.lightmap, &trained.fit, &trained.dataset, reporter)?;
+    let basis = pictures::basis_images(&prepared.lightmap, &trained.model.basis);
     for (j, image) in basis.iter().enumerate() {
         super::write_file(&folder.join(format!("basis-{:02}.png", j + 1)), &image.png)?;
     }
@@ -103,6 +98,8 @@ pub fn figures(trained: &Trained, model_bytes: u64, total_seconds: f64) -> serde
         },
         "separation": record.separation,
         "lambda": record.lambda,
+        "anchors": trained.model.basis.anchors.as_ref().map(|a| a.count),
+        "bytes_per_texel": trained.model.basis.bytes_per_texel(),
         "condition_number": trained.fit.condition_number,
         "seconds": { "bake": trained.bake_seconds, "train": trained.train_seconds, "total": total_seconds },
         "texels": trained.dataset.texels(),
@@ -117,8 +114,10 @@ pub fn print_summary(trained: &Trained, output: &Path, bytes: u64) {
     let record = &trained.model.record;
     let held_out = &record.held_out;
     let percent = |x: f64| format!("{:.2} %", 100.0 * x);
+    let anchors = trained.model.basis.anchors.as_ref();
+    let anchors = anchors.map_or("elements".to_owned(), |a| format!("channels a texel, {} anchors", a.count));
     println!(
-        "{} elements, {} points, {} conditions: relative RMSE on {} held-out conditions",
+        "{} {anchors}, {} points, {} conditions: relative RMSE on {} held-out conditions",
         trained.fit.settings.elements,
         trained.model.points.points.len(),
         record.conditions,

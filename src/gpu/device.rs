@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use wgpu::util::DeviceExt;
 
+use crate::math::Rgb;
 use crate::model::ViewError;
 
 /// Why the GPU could not do its work.
@@ -213,6 +214,26 @@ impl Gpu {
         self.wait()?;
         let mapped = buffer.get_mapped_range(..).map_err(|e| GpuError::Failed(e.to_string()))?;
         Ok(bytemuck::pod_collect_to_vec(&mapped))
+    }
+
+    /// Waits, then returns what a texture of four f32 a texel holds, but for the fourth, `[y][x]`.
+    pub fn read_texture(&self, texture: &wgpu::Texture) -> Result<Vec<Rgb>, GpuError> {
+        // Rows of a copy are aligned to 256 bytes.
+        let row_bytes = (texture.width() * 16).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let readback = self.readback(row_bytes as u64 * texture.height() as u64);
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_texture_to_buffer(
+            texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: &readback,
+                layout: wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row_bytes), rows_per_image: None },
+            },
+            texture.size(),
+        );
+        self.queue.submit([encoder.finish()]);
+        let texels: Vec<[f32; 4]> = self.read(&readback)?;
+        let rows = texels.chunks_exact(row_bytes as usize / 16).flat_map(|row| &row[..texture.width() as usize]);
+        Ok(rows.map(|&[r, g, b, _]| Rgb::new(r, g, b)).collect())
     }
 
     /// Copies a storage buffer's first `count` elements to this side.

@@ -13,11 +13,8 @@ pub struct FrameUniforms {
     pub shadow_offset: f32,
     pub extent: f32,
     pub light_count: u32,
-    pub basis_layers: u32,
-    pub basis_components: u32,
     pub shown: u32,
     pub samples_per_axis: u32,
-    pub _pad: [u32; 2],
 }
 
 /// `shaders/light.wgsl`: Light.
@@ -133,4 +130,15 @@ pub struct TransferShape {
     pub points: u32,
     pub interleaved: u32,
     pub mean_scaled_by_norm: u32,
+}
+
+/// `shaders/reconstruct.wgsl`: BasisShape.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct BasisShape {
+    pub size: u32,
+    pub layers: u32,
+    pub components: u32,
+    pub elements: u32,
+    pub anchors: u32,
 }

@@ -24,7 +24,7 @@ pub struct Measurement {
     pub exitance: wgpu::Buffer,
     /// x, W/m², one vec4 a point.
     pub direct: wgpu::Buffer,
-    /// u, one vec4 an element, padded with zeros to whole layers of the basis.
+    /// u, one vec4 an element, padded with zeros by as many as a layer of the basis has.
     pub coefficients: wgpu::Buffer,
 }
 
@@ -57,8 +57,7 @@ impl Measurement {
         let shape = gpu.uniform("transfer shape", &shape);
         let exitance = gpu.written::<[f32; 4]>("the sub-points' light", points.sub_points.len())?;
         let direct = gpu.written::<[f32; 4]>("the direct vector", points.points.len())?;
-        let per_layer = elements_per_layer(model.basis.components);
-        let padded = transfer.elements.div_ceil(per_layer) * per_layer;
+        let padded = transfer.elements + elements_per_layer(model.basis.components);
         let coefficients = gpu.written::<[f32; 4]>("the coefficients", padded)?;
 
         let layout = |stage: Stage, types| bindings::layout(gpu, stage.name(), wgpu::ShaderStages::COMPUTE, types);

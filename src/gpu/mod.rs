@@ -1,4 +1,4 @@
-//! The run time on the GPU: measure, downsample, transfer, shade, resolve.
+//! The run time on the GPU: measure, downsample, transfer, reconstruct, shade, resolve.
 //!
 //! One WGSL file a stage in `shaders/`, each held against its CPU twin by `tests/gpu_matches_cpu.rs`. Everything stays
 //! within WebGPU's default limits on bindings and needs no optional feature.
@@ -13,6 +13,7 @@ mod bvh;
 mod device;
 mod layout;
 mod measurement;
+mod reconstruction;
 mod runtime;
 mod scene;
 pub mod shader;
@@ -22,7 +23,8 @@ mod timer;
 
 pub use device::{Gpu, GpuError};
 pub use layout::{
-    Blocker, FrameUniforms, GpuLight, GpuMaterial, Node, SubPoint, TextureUse, TransferShape, Triangle, Vertex,
+    BasisShape, Blocker, FrameUniforms, GpuLight, GpuMaterial, Node, SubPoint, TextureUse, TransferShape, Triangle,
+    Vertex,
 };
 pub use runtime::Runtime;
 pub use timer::PassTimes;

@@ -3,10 +3,10 @@
 use super::device::{Gpu, GpuError};
 use super::layout::FrameUniforms;
 use super::measurement::Measurement;
+use super::reconstruction::Reconstruction;
 use super::scene::Scene;
 use super::shader::Stage;
 use super::shading::Shading;
-use super::textures::elements_per_layer;
 use super::timer::{PassTimes, Timer};
 use crate::light::Light;
 use crate::math::Rgb;
@@ -18,6 +18,7 @@ pub struct Runtime {
     gpu: Gpu,
     scene: Scene,
     measurement: Measurement,
+    reconstruction: Reconstruction,
     shading: Shading,
     frame: FrameUniforms,
     timer: Option<Timer>,
@@ -39,21 +40,15 @@ impl Runtime {
     pub fn on(gpu: Gpu, model: &Model) -> Result<Self, GpuError> {
         let scene = Scene::new(&gpu, &model.asset)?;
         let measurement = Measurement::new(&gpu, model, &scene)?;
-        let shading = Shading::new(&gpu, &scene, &model.basis, &measurement.coefficients)?;
+        let reconstruction = Reconstruction::new(&gpu, &model.basis, &measurement.coefficients)?;
+        let shading = Shading::new(&gpu, &scene, &reconstruction.irradiance);
         let extent = model.asset.mesh.bounds().diagonal();
-        let components = model.basis.components;
-        let frame = FrameUniforms {
-            shadow_offset: extent * RELATIVE_OFFSET,
-            extent,
-            basis_layers: model.basis.elements.div_ceil(elements_per_layer(components)) as u32,
-            basis_components: components as u32,
-            ..bytemuck::Zeroable::zeroed()
-        };
+        let frame = FrameUniforms { shadow_offset: extent * RELATIVE_OFFSET, extent, ..bytemuck::Zeroable::zeroed() };
         gpu.check()?;
         let timer = gpu.has_timestamps().then(|| Timer::new(&gpu));
         let (sub_points, points) = (model.points.sub_points.len(), model.points.points.len());
         let elements = model.transfer.elements;
-        Ok(Self { gpu, scene, measurement, shading, frame, timer, sub_points, points, elements })
+        Ok(Self { gpu, scene, measurement, reconstruction, shading, frame, timer, sub_points, points, elements })
     }
 
     pub fn gpu(&self) -> &Gpu {
@@ -69,11 +64,11 @@ impl Runtime {
         self.read_picture(view)
     }
 
-    /// Measures the direct light of `lights` and makes the coefficients of the indirect light from it. Nothing is waited
+    /// Measures the direct light of `lights` and makes the indirect light of the lightmap from it. Nothing is waited
     /// for: the next [`Runtime::draw`] shows it.
     pub fn relight(&mut self, lights: &[Light]) -> Result<(), GpuError> {
         self.set_lights(lights)?;
-        self.run(&[Stage::Measure, Stage::Downsample, Stage::Transfer]);
+        self.run(&[Stage::Measure, Stage::Downsample, Stage::Transfer, Stage::Reconstruct]);
         self.gpu.check()
     }
 
@@ -130,10 +125,17 @@ impl Runtime {
         self.download(&self.measurement.coefficients, self.elements)
     }
 
-    /// Sets u, for the pictures drawn until the next [`Runtime::relight`].
+    /// Sets u, and the indirect light made of it, for the pictures drawn until the next [`Runtime::relight`].
     pub fn set_coefficients(&mut self, coefficients: &[Rgb]) {
         assert_eq!(coefficients.len(), self.elements, "coefficients of another basis");
         self.upload(&self.measurement.coefficients, coefficients);
+        self.run(&[Stage::Reconstruct]);
+    }
+
+    /// Indirect irradiance over the lightmap's page, of either sign, `[y][x]`: the reconstruct stage's result. CPU twin:
+    /// `Basis::reconstruct`.
+    pub fn irradiance(&mut self) -> Result<Vec<Rgb>, GpuError> {
+        self.reconstruction.read(&self.gpu)
     }
 
     /// Sets the lights that pictures are drawn with, and leaves the coefficients as they are.
@@ -147,25 +149,7 @@ impl Runtime {
     pub fn read_picture(&mut self, view: &View) -> Result<Picture, GpuError> {
         let &View { width, height, .. } = view;
         let picture = self.shading.picture().expect("drawn before it is read");
-        // Rows of a copy are aligned to 256 bytes.
-        let row_bytes = (width * 16).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-        let readback = self.gpu.readback(row_bytes as u64 * height as u64);
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        encoder.copy_texture_to_buffer(
-            picture.as_image_copy(),
-            wgpu::TexelCopyBufferInfo {
-                buffer: &readback,
-                layout: wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row_bytes), rows_per_image: None },
-            },
-            picture.size(),
-        );
-        self.gpu.queue.submit([encoder.finish()]);
-        let texels: Vec<[f32; 4]> = self.gpu.read(&readback)?;
-        let pixels = texels
-            .chunks_exact(row_bytes as usize / 16)
-            .flat_map(|row| &row[..width as usize])
-            .map(|&[r, g, b, _]| Rgb::new(r, g, b))
-            .collect();
+        let pixels = self.gpu.read_texture(picture)?;
         Ok(Picture { width, height, pixels })
     }
 
@@ -177,7 +161,10 @@ impl Runtime {
     fn run(&self, stages: &[Stage]) {
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         for &stage in stages {
-            self.measurement.encode(&mut encoder, stage, &self.scene, self.timer.as_ref());
+            match stage {
+                Stage::Reconstruct => self.reconstruction.encode(&mut encoder, self.timer.as_ref()),
+                _ => self.measurement.encode(&mut encoder, stage, &self.scene, self.timer.as_ref()),
+            }
         }
         self.gpu.queue.submit([encoder.finish()]);
     }

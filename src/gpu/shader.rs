@@ -6,6 +6,7 @@ pub enum Stage {
     Measure,
     Downsample,
     Transfer,
+    Reconstruct,
     Shade,
     Resolve,
 }
@@ -18,17 +19,20 @@ const BSDF: &str = include_str!("../../shaders/bsdf.wgsl");
 const MEASURE: &str = include_str!("../../shaders/measure.wgsl");
 const DOWNSAMPLE: &str = include_str!("../../shaders/downsample.wgsl");
 const TRANSFER: &str = include_str!("../../shaders/transfer.wgsl");
+const RECONSTRUCT: &str = include_str!("../../shaders/reconstruct.wgsl");
 const SHADE: &str = include_str!("../../shaders/shade.wgsl");
 const RESOLVE: &str = include_str!("../../shaders/resolve.wgsl");
 
 impl Stage {
-    pub const ALL: [Stage; 5] = [Stage::Measure, Stage::Downsample, Stage::Transfer, Stage::Shade, Stage::Resolve];
+    pub const ALL: [Stage; 6] =
+        [Stage::Measure, Stage::Downsample, Stage::Transfer, Stage::Reconstruct, Stage::Shade, Stage::Resolve];
 
     pub fn name(self) -> &'static str {
         match self {
             Stage::Measure => "measure",
             Stage::Downsample => "downsample",
             Stage::Transfer => "transfer",
+            Stage::Reconstruct => "reconstruct",
             Stage::Shade => "shade",
             Stage::Resolve => "resolve",
         }
@@ -40,6 +44,7 @@ impl Stage {
             Stage::Measure => [FRAME, LIGHT, SCENE, TRACE, MEASURE].join("\n"),
             Stage::Downsample => DOWNSAMPLE.to_owned(),
             Stage::Transfer => TRANSFER.to_owned(),
+            Stage::Reconstruct => RECONSTRUCT.to_owned(),
             Stage::Shade => [FRAME, LIGHT, SCENE, TRACE, BSDF, SHADE].join("\n"),
             Stage::Resolve => [FRAME, RESOLVE].join("\n"),
         }

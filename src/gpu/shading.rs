@@ -1,14 +1,12 @@
-//! From coefficients to a picture: rasterise, shade, resolve.
+//! From irradiance over the lightmap to a picture: rasterise, shade, resolve.
 //!
 //! Depth is drawn first, so that the shading that follows traces shadow rays for visible samples alone.
 
-use super::bindings::{self, READ};
+use super::bindings;
 use super::device::{Gpu, GpuError};
 use super::scene::{Batch, Scene};
 use super::shader::Stage;
-use super::textures::upload_basis;
 use super::timer::Timer;
-use crate::model::Basis;
 
 /// Radiance is kept in f32: a picture written as OpenEXR loses nothing.
 const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
@@ -37,26 +35,11 @@ struct Target {
 }
 
 impl Shading {
-    pub fn new(gpu: &Gpu, scene: &Scene, basis: &Basis, coefficients: &wgpu::Buffer) -> Result<Self, GpuError> {
-        let basis = upload_basis(gpu, basis)?;
-        let float = wgpu::TextureSampleType::Float { filterable: true };
-        let types = [
-            READ,
-            bindings::texture(float, wgpu::TextureViewDimension::D2Array),
-            wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
-        ];
+    pub fn new(gpu: &Gpu, scene: &Scene, irradiance: &wgpu::TextureView) -> Self {
+        let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
+        let types = [bindings::texture(unfilterable, wgpu::TextureViewDimension::D2)];
         let layout = bindings::layout(gpu, "shade", wgpu::ShaderStages::FRAGMENT, &types);
-        let bilinear = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("basis"),
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            ..Default::default()
-        });
-        let resources = [
-            coefficients.as_entire_binding(),
-            wgpu::BindingResource::TextureView(&basis),
-            wgpu::BindingResource::Sampler(&bilinear),
-        ];
+        let resources = [wgpu::BindingResource::TextureView(irradiance)];
         let bind_group = bindings::bind(gpu, "shade", &layout, resources);
         let pipelines = Pipelines {
             gpu,
@@ -64,7 +47,6 @@ impl Shading {
             layout: bindings::pipeline_layout(gpu, "shade", &[&scene.layout, &layout]),
         };
 
-        let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
         let types = [
             bindings::texture(unfilterable, wgpu::TextureViewDimension::D2),
             wgpu::BindingType::StorageTexture {
@@ -74,14 +56,14 @@ impl Shading {
             },
         ];
         let resolve_layout = bindings::layout(gpu, "resolve", wgpu::ShaderStages::COMPUTE, &types);
-        Ok(Self {
+        Self {
             depth: [false, true].map(|double_sided| [false, true].map(|masked| pipelines.depth(double_sided, masked))),
             shade: [false, true].map(|double_sided| pipelines.shade(double_sided)),
             bind_group,
             resolve: bindings::compute_pipeline(gpu, Stage::Resolve, &[&scene.layout, &resolve_layout]),
             resolve_layout,
             target: None,
-        })
+        }
     }
 
     /// Records a picture of `size` pixels with `samples_per_axis`; returns the texture that will hold it.

@@ -4,12 +4,10 @@
 //! largest one's size. They are read code by code and filtered in the shader: exact at every wrap mode and size, with
 //! the texture cache that a storage buffer of texels lacks, and free of that buffer's 128 MiB limit.
 
-use half::f16;
-
 use super::device::{Gpu, GpuError};
 use super::layout::TextureUse;
 use crate::math::colour::linear_from_srgb;
-use crate::model::Basis;
+use crate::model::{Basis, Values};
 use crate::scene::{Texture, TextureRef, Wrap};
 
 /// `page` of a use without texture.
@@ -107,34 +105,67 @@ pub fn elements_per_layer(components: usize) -> usize {
     if components == 1 { 4 } else { 1 }
 }
 
-/// The basis as an array texture of f16: four scalar elements a layer, or one RGB element.
+/// A square texture of four codes a texel.
+pub struct Pixels {
+    pub side: u32,
+    pub format: wgpu::TextureFormat,
+}
+
+impl Pixels {
+    pub fn upload(self, gpu: &Gpu, what: &str, bytes: &[u8]) -> Result<wgpu::TextureView, GpuError> {
+        let texture = gpu.texture_array(what, self.extent(1), self.format)?;
+        self.write(gpu, &texture, 0, bytes);
+        Ok(texture.create_view(&Default::default()))
+    }
+
+    fn extent(&self, layers: u32) -> wgpu::Extent3d {
+        wgpu::Extent3d { width: self.side, height: self.side, depth_or_array_layers: layers }
+    }
+
+    fn write(&self, gpu: &Gpu, texture: &wgpu::Texture, layer: u32, bytes: &[u8]) {
+        let row = bytes.len() as u32 / self.side;
+        gpu.queue.write_texture(
+            wgpu::TexelCopyTextureInfo {
+                texture,
+                mip_level: 0,
+                origin: wgpu::Origin3d { x: 0, y: 0, z: layer },
+                aspect: wgpu::TextureAspect::All,
+            },
+            bytes,
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row), rows_per_image: None },
+            self.extent(1),
+        );
+    }
+}
+
+/// The basis as an array texture, f16 or 8 bits with a sign: four scalar elements a layer, or one RGB element.
 pub fn upload_basis(gpu: &Gpu, basis: &Basis) -> Result<wgpu::TextureView, GpuError> {
+    match &basis.values {
+        Values::Half(values) => upload_layers(gpu, basis, values, wgpu::TextureFormat::Rgba16Float),
+        Values::Byte(codes) => upload_layers(gpu, basis, codes, wgpu::TextureFormat::Rgba8Snorm),
+    }
+}
+
+fn upload_layers<T: bytemuck::Pod>(
+    gpu: &Gpu,
+    basis: &Basis,
+    values: &[T],
+    format: wgpu::TextureFormat,
+) -> Result<wgpu::TextureView, GpuError> {
+    let pixels = Pixels { side: basis.size as u32, format };
     let per_layer = elements_per_layer(basis.components);
     let layers = basis.elements.div_ceil(per_layer).max(1);
-    let side = basis.size as u32;
-    let size = wgpu::Extent3d { width: side, height: side, depth_or_array_layers: layers as u32 };
-    let texture = gpu.texture_array("basis", size, wgpu::TextureFormat::Rgba16Float)?;
+    let texture = gpu.texture_array("basis", pixels.extent(layers as u32), format)?;
     let plane = basis.size * basis.size;
     // Planes of consecutive elements, or of the components of one element, become the channels of a layer.
-    let planes_per_layer = per_layer * basis.components;
-    for (layer, planes) in basis.values.chunks(plane * planes_per_layer).enumerate() {
-        let mut texels = vec![f16::ZERO; 4 * plane];
+    for (layer, planes) in values.chunks(plane * per_layer * basis.components).enumerate() {
+        let mut texels = vec![T::zeroed(); 4 * plane];
         for (channel, values) in planes.chunks_exact(plane).enumerate() {
             for (texel, &value) in texels.chunks_exact_mut(4).zip(values) {
                 texel[channel] = value;
             }
         }
-        gpu.queue.write_texture(
-            wgpu::TexelCopyTextureInfo {
-                texture: &texture,
-                mip_level: 0,
-                origin: wgpu::Origin3d { x: 0, y: 0, z: layer as u32 },
-                aspect: wgpu::TextureAspect::All,
-            },
-            bytemuck::cast_slice(&texels),
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(8 * side), rows_per_image: None },
-            wgpu::Extent3d { width: side, height: side, depth_or_array_layers: 1 },
-        );
+        pixels.write(gpu, &texture, layer as u32, bytemuck::cast_slice(&texels));
     }
     Ok(array_view(&texture))
 }

@@ -9,6 +9,7 @@ pub struct PassTimes {
     pub measure: f64,
     pub downsample: f64,
     pub transfer: f64,
+    pub reconstruct: f64,
     /// Depth and shading together.
     pub shade: f64,
     pub resolve: f64,
@@ -79,6 +80,7 @@ impl Timer {
             measure: microseconds(Stage::Measure),
             downsample: microseconds(Stage::Downsample),
             transfer: microseconds(Stage::Transfer),
+            reconstruct: microseconds(Stage::Reconstruct),
             shade: microseconds(Stage::Shade),
             resolve: microseconds(Stage::Resolve),
         })

@@ -11,7 +11,7 @@ use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 
-use super::{Basis, Channels, Model, Scope, TrainingRecord, Transfer};
+use super::{Anchors, Basis, Channels, Model, Scope, TrainingRecord, Transfer, Values};
 use crate::files::write_whole;
 use crate::measure::{MeasurementPoint, MeasurementPoints};
 use crate::scene::material::Wrap;
@@ -74,6 +74,14 @@ fn vectors(name: impl Into<String>, values: &[Vec3]) -> Tensor {
     tensor(name, Dtype::F32, &[values.len(), 3], values)
 }
 
+fn basis_values(basis: &Basis) -> Tensor {
+    let shape = [basis.elements, basis.components, basis.size, basis.size];
+    match &basis.values {
+        Values::Half(values) => tensor("basis", Dtype::F16, &shape, values),
+        Values::Byte(codes) => tensor("basis", Dtype::I8, &shape, codes),
+    }
+}
+
 impl Model {
     /// Writes the model. Returns its size in bytes.
     ///
@@ -91,7 +99,7 @@ impl Model {
         let rows = transfer.matrices.first().map_or(0, |m| m.len() / transfer.elements.max(1));
         let triangles: Vec<u32> = mesh.triangles.iter().flatten().copied().collect();
         let mut tensors = vec![
-            tensor("basis", Dtype::F16, &[basis.elements, basis.components, basis.size, basis.size], &basis.values),
+            basis_values(basis),
             tensor(
                 "transfer",
                 Dtype::F32,
@@ -110,6 +118,11 @@ impl Model {
             tensor("mesh.triangles", Dtype::U32, &[mesh.triangles.len(), 3], &triangles),
             tensor("mesh.triangle_materials", Dtype::U32, &[mesh.triangle_materials.len()], &mesh.triangle_materials),
         ];
+        if let Some(anchors) = &basis.anchors {
+            let shape = [basis.size, basis.size, 4];
+            tensors.push(tensor("anchors.indices", Dtype::U8, &shape, &anchors.indices));
+            tensors.push(tensor("anchors.shares", Dtype::U8, &shape, &anchors.shares));
+        }
         for (set, uvs) in mesh.uvs.iter().enumerate().filter(|(_, uvs)| !uvs.is_empty()) {
             tensors.push(tensor(format!("mesh.uvs.{set}"), Dtype::F32, &[uvs.len(), 2], uvs));
         }
@@ -247,19 +260,31 @@ impl Reader<'_> {
             }
         }
         let points = self.points()?;
-        let components = if metadata.channels == Channels::Mono { 1 } else { 3 };
-        let (shape, values) = self.read::<f16>("basis", Dtype::F16, &[Any, Is(components), Any, Any])?;
-        let (elements, size) = (shape[0], shape[2]);
-        if shape[3] != size || size == 0 || elements == 0 {
-            return Err(format!("tensor basis is {shape:?}, expected square layers and at least one"));
-        }
+        let mut basis = self.basis(metadata.channels.components())?;
         let (groups, rows) = match metadata.channels {
             Channels::Mono => (3, points.points.len()),
             Channels::Multi => (1, 3 * points.points.len()),
         };
-        let (_, matrices) = self.read::<f32>("transfer", Dtype::F32, &[Is(groups), Is(elements), Is(rows)])?;
-        if !matrices.iter().all(|m| m.is_finite()) || !values.iter().all(|v| v.is_finite()) {
-            return Err("tensor transfer or basis is not finite".into());
+        // The transfer tells how many anchors there are.
+        let expected = if basis.anchors.is_some() { Any } else { Is(basis.elements) };
+        let (shape, matrices) = self.read::<f32>("transfer", Dtype::F32, &[Is(groups), expected, Is(rows)])?;
+        let elements = shape[1];
+        if let Some(anchors) = &mut basis.anchors {
+            anchors.count = elements / basis.elements;
+            let most = anchors.indices.iter().flatten().max().map_or(0, |&k| k as usize);
+            if elements % basis.elements != 0 || most >= anchors.count {
+                let n = basis.elements;
+                return Err(format!(
+                    "tensor transfer is {shape:?}, expected {n} rows for each of {} anchors",
+                    most + 1
+                ));
+            }
+        }
+        if !matrices.iter().all(|m| m.is_finite()) {
+            return Err("tensor transfer is not finite".into());
+        }
+        if metadata.mean_scaled_by_norm && basis.anchors.is_some() {
+            return Err("a local basis has no mean".into());
         }
         let transfer = Transfer {
             channels: metadata.channels,
@@ -278,7 +303,6 @@ impl Reader<'_> {
             cameras: metadata.cameras,
             warnings: Vec::new(),
         };
-        let basis = Basis { size, elements, components, values };
         Ok(Model { asset, points, basis, transfer, scope, record: metadata.record })
     }
 
@@ -291,6 +315,34 @@ impl Reader<'_> {
             return Err("tensor scope is not finite".into());
         }
         Ok(Some(Scope { kinds, points, weights }))
+    }
+
+    fn basis(&self, components: usize) -> Result<Basis, String> {
+        let shape = [Any, Is(components), Any, Any];
+        let is_bytes = self.tensors.tensor("basis").is_ok_and(|t| t.dtype() == Dtype::I8);
+        let (shape, values) = if is_bytes {
+            let (shape, codes) = self.read("basis", Dtype::I8, &shape)?;
+            (shape, Values::Byte(codes))
+        } else {
+            let (shape, values) = self.read::<f16>("basis", Dtype::F16, &shape)?;
+            if !values.iter().all(|v| v.is_finite()) {
+                return Err("tensor basis is not finite".into());
+            }
+            (shape, Values::Half(values))
+        };
+        let (elements, size) = (shape[0], shape[2]);
+        if shape[3] != size || size == 0 || elements == 0 {
+            return Err(format!("tensor basis is {shape:?}, expected square layers and at least one"));
+        }
+        let anchors = if self.has("anchors.indices") { Some(self.anchors(size)?) } else { None };
+        Ok(Basis { size, elements, components, values, anchors })
+    }
+
+    fn anchors(&self, size: usize) -> Result<Anchors, String> {
+        let shape = [Is(size), Is(size), Is(4)];
+        let (_, indices) = self.read::<[u8; 4]>("anchors.indices", Dtype::U8, &shape)?;
+        let (_, shares) = self.read::<[u8; 4]>("anchors.shares", Dtype::U8, &shape)?;
+        Ok(Anchors { count: 0, indices, shares })
     }
 
     fn mesh(&self, materials: usize) -> Result<Mesh, String> {

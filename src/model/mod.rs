@@ -1,5 +1,6 @@
 //! The trained model: what relights the asset. The file, and relighting on the CPU.
 
+pub mod basis;
 pub mod file;
 pub mod picture;
 pub mod record;
@@ -7,6 +8,7 @@ pub mod render;
 pub mod scope;
 pub mod view;
 
+pub use basis::{Anchors, Basis, LightmapImage, Values};
 pub use file::ModelFileError;
 pub use picture::{Picture, PictureError};
 pub use record::{HeldOut, Separation, TrainingRecord};
@@ -15,8 +17,7 @@ pub use view::{Shown, View, ViewError};
 
 use crate::math::Rgb;
 use crate::measure::MeasurementPoints;
-use crate::scene::{Asset, Finish};
-use half::f16;
+use crate::scene::Asset;
 
 /// Whether colour channels share the vectors or have vectors of their own (paper 5.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum)]
@@ -28,24 +29,21 @@ pub enum Channels {
     Multi,
 }
 
-/// n basis elements over the lightmap, finished: lookups inside a chart read only its own values, and charts join without a
-/// seam.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Basis {
-    /// Side of the square lightmap, texels.
-    pub size: usize,
-    pub elements: usize,
-    /// 1 for [`Channels::Mono`], 3 for [`Channels::Multi`].
-    pub components: usize,
-    /// `[element][component][y][x]`.
-    pub values: Vec<f16>,
+impl Channels {
+    /// Values of an element at a texel.
+    pub fn components(self) -> usize {
+        match self {
+            Channels::Mono => 1,
+            Channels::Multi => 3,
+        }
+    }
 }
 
 /// From the direct vector x to the coefficients u (METHOD eq. 7).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transfer {
     pub channels: Channels,
-    /// n, the mean included where there is one.
+    /// Coefficients: n, the mean included where there is one; of a local basis n for each anchor, `[anchor][channel]`.
     pub elements: usize,
     /// P.
     pub points: usize,
@@ -96,42 +94,5 @@ impl Transfer {
             }
         }
         u
-    }
-}
-
-impl Basis {
-    /// Lays path traced values per texel of the lightmap, `[element][component][texel]`, out over the whole page.
-    pub fn from_texels(finish: &Finish, elements: usize, values: &[f32]) -> Self {
-        let pages = finish.path_traced_pages(values);
-        let components = pages.len() / (elements * finish.size * finish.size).max(1);
-        let values = pages.into_iter().map(f16::from_f32).collect();
-        Self { size: finish.size, elements, components, values }
-    }
-
-    /// Σⱼ uⱼ Uⱼ at texel (x, y): indirect irradiance.
-    pub fn texel(&self, x: usize, y: usize, coefficients: &[Rgb]) -> Rgb {
-        let plane = self.size * self.size;
-        let at = y * self.size + x;
-        coefficients
-            .iter()
-            .enumerate()
-            .map(|(element, &u)| {
-                let value =
-                    |component: usize| self.values[(element * self.components + component) * plane + at].to_f32();
-                if self.components == 1 { u * value(0) } else { u * Rgb::new(value(0), value(1), value(2)) }
-            })
-            .sum()
-    }
-
-    /// The same at lightmap coordinates in [0, 1]², bilinear between texel centres. GPU twin: `shaders/shade.wgsl`.
-    pub fn sample(&self, uv: glam::Vec2, coefficients: &[Rgb]) -> Rgb {
-        let p = uv * self.size as f32 - 0.5;
-        let base = p.floor();
-        let f = p - base;
-        let clamp = |x: f32| (x as i64).clamp(0, self.size as i64 - 1) as usize;
-        let texel = |dx: f32, dy: f32| self.texel(clamp(base.x + dx), clamp(base.y + dy), coefficients);
-        let top = texel(0.0, 0.0).lerp(texel(1.0, 0.0), f.x);
-        let bottom = texel(0.0, 1.0).lerp(texel(1.0, 1.0), f.x);
-        top.lerp(bottom, f.y)
     }
 }

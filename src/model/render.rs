@@ -33,7 +33,8 @@ impl Model {
         coefficients: &[Rgb],
         shown: Shown,
     ) -> Result<Picture, ViewError> {
-        render(tracer, view, lights, shown, &|uv| self.basis.sample(uv, coefficients))
+        let irradiance = self.basis.reconstruct(coefficients);
+        render(tracer, view, lights, shown, &|uv| irradiance.sample(uv))
     }
 }
 

@@ -3,18 +3,20 @@
 use glam::Vec3;
 
 use super::comparison::{Comparison, Row};
-use super::figures::{self, LightmapImage};
+use super::figures;
 use super::page::{Image, Page, Plate, Plot, method_label};
 use super::plot::{Series, line_plot};
 use crate::dataset::{Bytes, Dataset, DatasetError};
 use crate::light::{EmissionFacets, LightTable, LightingCondition};
 use crate::math::Rgb;
 use crate::model::render::render;
-use crate::model::{Basis, Model, Picture, Shown, Transfer, View, ViewError};
+use crate::model::{Basis, LightmapImage, Model, Picture, Shown, Transfer, View, ViewError};
 use crate::progress::Progress;
 use crate::prt::{PrtError, PrtSettings, ShPrt, bake_texels, bake_vertices, light_coefficients};
 use crate::scene::{Finish, Lightmap, Tracer};
-use crate::transfer::{Fit, Gram, HeldOutErrors, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings, TransferError};
+use crate::transfer::{
+    Fit, Gram, HeldOutErrors, Lambda, Method, PUBLISHED_LAMBDA, Precision, TrainSettings, TransferError,
+};
 use crate::transport::reference::{Reference, ReferenceError, ReferenceSettings};
 use crate::transport::{BakeError, BakeSettings, Bias, bake_direct};
 
@@ -74,12 +76,18 @@ pub struct Inputs<'a> {
     pub bake: BakeSettings,
     /// λ given by the user, relative.
     pub lambda: Option<f64>,
+    /// Position and normal of each texel.
+    pub places: &'a [(Vec3, Vec3)],
+    /// Anchors of local bases, and how their channels are stored.
+    pub anchors: usize,
+    pub precision: Precision,
     /// Paths per pixel of the reference pictures.
     pub reference_paths: u32,
     /// Ceiling of the process's resident memory.
     pub memory: Bytes,
-    /// The model's fit.
+    /// The model's global fit, and the errors of the model.
     pub fit: &'a Fit,
+    pub errors: &'a HeldOutErrors,
     /// The model's own scenario first.
     pub scenarios: Vec<Scenery<'a>>,
 }
@@ -118,6 +126,9 @@ impl Inputs<'_> {
                 gram: scenery.gram,
                 channels: self.fit.settings.channels,
                 lambda: self.lambda,
+                places: self.places,
+                anchors: self.anchors,
+                precision: self.precision,
                 classical: &[("sh_prt_vertex", &vertices), ("sh_prt_texel", &texels)],
                 centre,
                 emission: &emission,
@@ -134,7 +145,7 @@ impl Inputs<'_> {
         let bias = Bias::measure(self.tracer, self.lightmap, held_out, &self.bake, progress)?;
         let mut plates = self.relit(own, &vertices, &texels, centre, progress)?;
         plates.push(self.points()?);
-        plates.push(self.basis(own.dataset, progress)?);
+        plates.push(self.basis());
         let mut images = Vec::new();
         for plate in &plates {
             for (k, image) in plate.rows.iter().flatten().enumerate() {
@@ -226,7 +237,7 @@ impl Inputs<'_> {
         centre: Vec3,
         progress: &dyn Progress,
     ) -> Result<Vec<Plate>, ReportError> {
-        let errors = HeldOutErrors::of(self.fit, own.dataset, own.gram);
+        let errors = self.errors;
         let lit: Vec<usize> = own.dataset.held_out().filter(|&h| own.gram.is_lit(h)).collect();
         let mut order: Vec<usize> = (0..errors.transfer.len()).collect();
         order.sort_by(|&a, &b| errors.transfer[a].total_cmp(&errors.transfer[b]));
@@ -282,8 +293,8 @@ impl Inputs<'_> {
         let direct = render(self.tracer, &view, &table, Shown::Direct, &|_| Rgb::ZERO)?;
         let x = model.points.direct(self.tracer, &table);
         let ours = model.render_with(self.tracer, &view, &table, &model.transfer.coefficients(&x), Shown::Indirect)?;
-        let u = baseline_transfer.coefficients(&x);
-        let published = render(self.tracer, &view, &table, Shown::Indirect, &|uv| baseline.sample(uv, &u))?;
+        let baseline = baseline.reconstruct(&baseline_transfer.coefficients(&x));
+        let published = render(self.tracer, &view, &table, Shown::Indirect, &|uv| baseline.sample(uv))?;
         let light = light_coefficients(&condition.lights, &emission, centre, SHOWN_ORDER);
         let classical = |prt: &ShPrt| {
             let image = LightmapImage::new(self.finish, &prt.indirect(&light));
@@ -299,12 +310,13 @@ impl Inputs<'_> {
         let dim = |p: &Picture, caption: String| figures::render(p, 2.0 * exposure, caption);
         let error =
             |p: &Picture| figures::error(p, &reference.indirect, &truth, FULL_SCALE, "error of the indirect light");
-        let n = model.transfer.elements;
+        let n = model.basis.elements;
+        let elements = if model.basis.anchors.is_some() { "channels a texel" } else { "elements" };
         let prt = format!("order {SHOWN_ORDER}");
         Ok(vec![
             vec![
                 picture(&direct, "direct".into()),
-                dim(&ours, format!("indirect, {n} elements (one stop up)")),
+                dim(&ours, format!("indirect, {n} {elements} (one stop up)")),
                 picture(&figures::sum(&direct, &ours), "sum".into()),
                 picture(&truth, "reference, path traced".into()),
                 error(&ours),
@@ -329,20 +341,20 @@ impl Inputs<'_> {
         })
     }
 
-    fn basis(&self, dataset: &Dataset, progress: &dyn Progress) -> Result<Plate, ReportError> {
+    fn basis(&self) -> Plate {
         let mut rows: Vec<Vec<Image>> = Vec::new();
-        for image in figures::basis_images(self.lightmap, self.fit, dataset, progress)? {
+        for image in figures::basis_images(self.lightmap, &self.model.basis) {
             match rows.last_mut() {
                 Some(row) if row.len() < 4 => row.push(image),
                 _ => rows.push(vec![image]),
             }
         }
-        Ok(Plate {
+        Plate {
             title: "Basis".into(),
-            note: "The first elements as lightmaps: red positive, blue negative, square-root scale.".into(),
+            note: "The first elements (channels of a local basis) as lightmaps: red positive, blue negative, square-root scale.".into(),
             rows,
             pixelated: true,
-        })
+        }
     }
 }
 
@@ -353,7 +365,7 @@ fn error_series(rows: &[Row], scenario: &str) -> Vec<Series> {
     groups.sort();
     groups.dedup();
     // This program's own method comes first.
-    groups.sort_by_key(|(method, _)| *method != "linear");
+    groups.sort_by_key(|(method, _)| !["linear", "local"].contains(method));
     for (colour, (method, choice)) in groups.into_iter().enumerate() {
         let own: Vec<&Row> =
             rows.iter().filter(|r| r.scenario == scenario && r.method == method && r.lambda_choice == choice).collect();
@@ -364,7 +376,7 @@ fn error_series(rows: &[Row], scenario: &str) -> Vec<Series> {
         let oracle = line(&|r| r.oracle_mean);
         series.push(Series { label: label.clone(), colour, dashed: false, points: line(&|r| Some(r.mean)) });
         // The baseline's basis, and so its oracle, is the same for every λ.
-        if !oracle.is_empty() && (method == "linear" || choice != Some("leave-one-out")) {
+        if !oracle.is_empty() && (method != "belcour" || choice != Some("leave-one-out")) {
             series.push(Series { label: format!("{label}: oracle"), colour, dashed: true, points: oracle });
         }
     }
@@ -373,17 +385,18 @@ fn error_series(rows: &[Row], scenario: &str) -> Vec<Series> {
 
 fn csv(rows: &[Row]) -> String {
     let mut out = String::from(
-        "scenario,method,lambda_choice,lambda,coefficients,points,mean,median,worst,oracle_mean,total_mean\n",
+        "scenario,method,lambda_choice,lambda,coefficients,bytes_per_texel,points,mean,median,worst,oracle_mean,total_mean\n",
     );
     for r in rows {
         let number = |v: Option<f64>| v.map_or(String::new(), |v| v.to_string());
         out += &format!(
-            "{},{},{},{},{},{},{},{},{},{},{}\n",
+            "{},{},{},{},{},{},{},{},{},{},{},{}\n",
             r.scenario,
             r.method,
             r.lambda_choice.unwrap_or(""),
             number(r.lambda),
             r.coefficients,
+            r.bytes_per_texel.map_or(String::new(), |b| b.to_string()),
             r.points,
             r.mean,
             r.median,

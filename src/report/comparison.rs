@@ -11,10 +11,16 @@ use crate::model::Channels;
 use crate::progress::Progress;
 use crate::prt::{ShPrt, light_coefficients};
 use crate::transfer::error::mean_median_worst;
-use crate::transfer::{Fit, Gram, HeldOutErrors, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings, TransferError};
+use crate::transfer::{
+    Fit, Gram, HeldOutErrors, Lambda, LocalFit, Method, PUBLISHED_LAMBDA, Precision, Terms, TrainSettings,
+    TransferError,
+};
 
 /// Basis sizes that are compared: the paper's 4, 16 and 64 and those between.
 pub const SIZES: [usize; 5] = [4, 8, 16, 32, 64];
+
+/// Channels a texel of local bases that are compared.
+pub const LOCAL_SIZES: [usize; 2] = [4, 8];
 
 /// Orders of spherical harmonics that are compared; order l has l² coefficients a channel.
 pub const ORDERS: [usize; 4] = [3, 4, 5, 6];
@@ -22,10 +28,12 @@ pub const ORDERS: [usize; 4] = [3, 4, 5, 6];
 /// Held-out error of one method at one size, as fractions.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// belcour, linear, sh_prt_vertex or sh_prt_texel.
+    /// belcour, linear, local, sh_prt_vertex or sh_prt_texel.
     pub method: &'static str,
     /// What is stored and multiplied per texel (or vertex) and channel.
     pub coefficients: usize,
+    /// What a texel of the basis takes in the model; none for SH PRT.
+    pub bytes_per_texel: Option<usize>,
     /// P; 0 for SH PRT, which measures nothing.
     pub points: usize,
     pub scenario: String,
@@ -54,6 +62,11 @@ pub struct Comparison<'a> {
     pub channels: Channels,
     /// λ given by the user for every fit, relative.
     pub lambda: Option<f64>,
+    /// Position and normal of each texel.
+    pub places: &'a [(Vec3, Vec3)],
+    /// Anchors of local bases, and how their channels are stored.
+    pub anchors: usize,
+    pub precision: Precision,
     /// Classical SH PRT, by name.
     pub classical: &'a [(&'static str, &'a ShPrt)],
     /// Where local lights are seen from by classical SH PRT.
@@ -82,12 +95,14 @@ impl Comparison<'_> {
     ) -> Result<Vec<Row>, E> {
         let looked = self.look(direct_of, progress)?;
         let mut rows = self.data_driven(&looked.indirect_shares)?;
+        rows.extend(self.local(&looked.indirect_shares, progress)?);
         let sizes = self.classical.iter().flat_map(|(name, prt)| orders(prt).map(move |order| (*name, order)));
         for ((method, order), (errors, totals)) in sizes.zip(&looked.classical) {
             let (mean, median, worst) = mean_median_worst(errors);
             rows.push(Row {
                 method,
                 coefficients: order * order,
+                bytes_per_texel: None,
                 points: 0,
                 scenario: self.scenario.clone(),
                 mean,
@@ -136,12 +151,12 @@ impl Comparison<'_> {
         Ok(looked)
     }
 
-    /// The data-driven methods at every size that the training set allows. The baseline appears twice: with the paper's λ,
+    /// The global methods at every size that the training set allows. The baseline appears twice: with the paper's λ,
     /// and with the λ that leave-one-out finds, which is better still.
     fn data_driven(&self, indirect_shares: &[f64]) -> Result<Vec<Row>, TransferError> {
         let lambdas = |method| match (self.lambda, method) {
             (Some(value), _) => vec![(Lambda::Relative(value), "given")],
-            (None, Method::Linear) => vec![(Lambda::LeaveOneOut, "leave-one-out")],
+            (None, Method::Linear | Method::Local) => vec![(Lambda::LeaveOneOut, "leave-one-out")],
             (None, Method::Belcour) => vec![(PUBLISHED_LAMBDA, "published"), (Lambda::LeaveOneOut, "leave-one-out")],
         };
         let mut rows = Vec::new();
@@ -150,7 +165,11 @@ impl Comparison<'_> {
                 for elements in SIZES {
                     let settings = TrainSettings { method, channels: self.channels, elements, lambda };
                     match Fit::train(self.dataset, self.gram, settings) {
-                        Ok(fit) => rows.push(self.row(name, choice, &fit, indirect_shares)),
+                        Ok(fit) => {
+                            let errors = HeldOutErrors::of(&fit, self.dataset, self.gram);
+                            let bytes = 2 * elements * self.channels.components();
+                            rows.push(self.row(name, elements, bytes, (fit.lambda, choice), &errors, indirect_shares));
+                        }
                         // A training set smaller than the size has no such row.
                         Err(TransferError::TooFewConditions { .. }) => break,
                         Err(error) => return Err(error),
@@ -161,15 +180,42 @@ impl Comparison<'_> {
         Ok(rows)
     }
 
-    fn row(&self, method: &'static str, choice: &'static str, fit: &Fit, indirect_shares: &[f64]) -> Row {
-        let errors = HeldOutErrors::of(fit, self.dataset, self.gram);
+    /// Local bases, which share their terms.
+    fn local(&self, indirect_shares: &[f64], progress: &dyn Progress) -> Result<Vec<Row>, TransferError> {
+        let (lambda, choice) = match self.lambda {
+            Some(value) => (Lambda::Relative(value), "given"),
+            None => (Lambda::LeaveOneOut, "leave-one-out"),
+        };
+        let settings = TrainSettings { method: Method::Local, channels: self.channels, elements: 1, lambda };
+        let fit = Fit::train(self.dataset, self.gram, settings)?;
+        let terms = Terms::new(&fit, self.dataset, self.places, self.anchors, progress)?;
+        let row = |channels: usize| {
+            let local = LocalFit::train(&terms, channels, self.precision);
+            let (dataset, gram) = (self.dataset, self.gram);
+            let errors = HeldOutErrors::of_local(&local, &terms, self.channels, dataset, gram, progress)?;
+            let bytes = local.bytes_per_texel(self.channels);
+            Ok(self.row("local", channels, bytes, (fit.lambda, choice), &errors, indirect_shares))
+        };
+        LOCAL_SIZES.into_iter().map(row).collect()
+    }
+
+    fn row(
+        &self,
+        method: &'static str,
+        coefficients: usize,
+        bytes_per_texel: usize,
+        (lambda, choice): (f64, &'static str),
+        errors: &HeldOutErrors,
+        indirect_shares: &[f64],
+    ) -> Row {
         let summary = errors.summary();
         let lit = self.dataset.held_out().filter(|&h| self.gram.is_lit(h));
         let total: Vec<f64> =
             lit.zip(&errors.transfer).map(|(h, e)| e * indirect_shares[h - self.dataset.training]).collect();
         Row {
             method,
-            coefficients: fit.settings.elements,
+            coefficients,
+            bytes_per_texel: Some(bytes_per_texel),
             points: self.dataset.points(),
             scenario: self.scenario.clone(),
             mean: summary.mean,
@@ -177,7 +223,7 @@ impl Comparison<'_> {
             worst: summary.worst,
             oracle_mean: Some(summary.oracle_mean),
             total_mean: mean_median_worst(&total).0,
-            lambda: Some(fit.lambda),
+            lambda: Some(lambda),
             lambda_choice: Some(choice),
         }
     }

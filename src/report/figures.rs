@@ -5,15 +5,12 @@ use image::ImageEncoder;
 use rayon::prelude::*;
 
 use super::page::Image;
-use crate::dataset::{Dataset, DatasetError};
 use crate::math::Rgb;
 use crate::math::colour::{false_colour, luminance};
 use crate::measure::{MeasurementPoint, MeasurementPoints};
 use crate::model::render::first_visible;
-use crate::model::{Picture, View, ViewError};
-use crate::progress::Progress;
-use crate::scene::{Finish, Lightmap, Tracer};
-use crate::transfer::Fit;
+use crate::model::{Basis, Picture, View, ViewError};
+use crate::scene::{Lightmap, Tracer};
 
 /// Encodes 8-bit RGB pixels as PNG.
 pub fn png(pixels: &[[u8; 3]], width: u32, height: u32) -> Vec<u8> {
@@ -49,31 +46,6 @@ pub fn error(picture: &Picture, truth: &Picture, whole: &Picture, full: f32, cap
     Image { caption: caption.into(), png: png(&pixels, picture.width, picture.height) }
 }
 
-/// One colour per lightmap texel, to be looked up by lightmap coordinates.
-pub struct LightmapImage {
-    size: usize,
-    values: Vec<Rgb>,
-}
-
-impl LightmapImage {
-    /// From path traced values per texel of the lightmap.
-    pub fn new(finish: &Finish, values: &[Rgb]) -> Self {
-        let page = |channel: usize| finish.path_traced_pages(&values.iter().map(|v| v[channel]).collect::<Vec<f32>>());
-        let [r, g, b] = [page(0), page(1), page(2)];
-        Self { size: finish.size, values: (0..r.len()).map(|i| Rgb::new(r[i], g[i], b[i])).collect() }
-    }
-
-    /// Bilinear between texel centres, as [`crate::model::Basis::sample`].
-    pub fn sample(&self, uv: Vec2) -> Rgb {
-        let p = uv * self.size as f32 - 0.5;
-        let (base, f) = (p.floor(), p - p.floor());
-        let clamp = |x: f32| (x as i64).clamp(0, self.size as i64 - 1) as usize;
-        let texel = |dx: f32, dy: f32| self.values[clamp(base.y + dy) * self.size + clamp(base.x + dx)];
-        let top = texel(0.0, 0.0).lerp(texel(1.0, 0.0), f.x);
-        top.lerp(texel(0.0, 1.0).lerp(texel(1.0, 1.0), f.x), f.y)
-    }
-}
-
 /// Sum of two pictures of the same size.
 pub fn sum(a: &Picture, b: &Picture) -> Picture {
     Picture { pixels: a.pixels.iter().zip(&b.pixels).map(|(&a, &b)| a + b).collect(), ..*a }
@@ -98,26 +70,15 @@ fn diverging(value: f32) -> [u8; 3] {
     Vec3::splat(255.0).lerp(end, t.clamp(0.0, 1.0).sqrt()).to_array().map(|c| c as u8)
 }
 
-/// The first eight basis elements as lightmaps; of a coloured basis the green part.
-///
-/// # Errors
-/// When the dataset cannot be read, or `progress` cancels.
-pub fn basis_images(
-    lightmap: &Lightmap,
-    fit: &Fit,
-    dataset: &Dataset,
-    progress: &dyn Progress,
-) -> Result<Vec<Image>, DatasetError> {
-    let (values, transfer) = fit.expand(dataset, progress)?;
-    let plane = dataset.texels();
-    let components = values.len() / (plane * transfer.elements).max(1);
-    let images = (0..transfer.elements.min(8))
-        .map(|j| {
-            let at = (j * components + components / 2) * plane;
-            signed_lightmap(lightmap, &values[at..at + plane], format!("element {}", j + 1))
-        })
-        .collect();
-    Ok(images)
+/// The first eight elements of a basis as lightmaps; of a coloured basis the green part.
+pub fn basis_images(lightmap: &Lightmap, basis: &Basis) -> Vec<Image> {
+    let plane = basis.size * basis.size;
+    let image = |j: usize| {
+        let first = (j * basis.components + basis.components / 2) * plane;
+        let values: Vec<f32> = lightmap.texels.iter().map(|t| basis.values.get(first + t.index as usize)).collect();
+        signed_lightmap(lightmap, &values, format!("element {}", j + 1))
+    };
+    (0..basis.elements.min(8)).map(image).collect()
 }
 
 /// Both pictures of Figure 4: the points, and their sub-points, seen by the asset's first camera.

@@ -45,6 +45,7 @@ pub fn method_label(method: &str, lambda_choice: Option<&str>) -> String {
         ("belcour", Some("published")) => "Belcour 2022 as published".into(),
         ("belcour", _) => "Belcour 2022".into(),
         ("linear", _) => "linear (this program)".into(),
+        ("local", _) => "local (this program)".into(),
         ("sh_prt_vertex", _) => "SH PRT per vertex".into(),
         ("sh_prt_texel", _) => "SH PRT per texel".into(),
         (other, _) => other.into(),
@@ -100,7 +101,7 @@ fn table(scenario: &str, rows: &[Row]) -> Markup {
         table {
             thead {
                 tr {
-                    th { "method" } th { "coefficients" } th { "mean" } th { "median" } th { "worst" } th { "oracle" } th { "total" }
+                    th { "method" } th { "coefficients" } th { "bytes a texel" } th { "mean" } th { "median" } th { "worst" } th { "oracle" } th { "total" }
                     th { "λ" }
                 }
             }
@@ -109,6 +110,7 @@ fn table(scenario: &str, rows: &[Row]) -> Markup {
                 tr.first[first] {
                     td.method { @if first { (method_label(row.method, row.lambda_choice)) } }
                     td { (row.coefficients) }
+                    td { @if let Some(bytes) = row.bytes_per_texel { (bytes) } }
                     td.mean { (percent(row.mean)) }
                     td { (percent(row.median)) }
                     td { (percent(row.worst)) }

@@ -5,10 +5,9 @@
 //! Transform for Fast Global Illumination Filtering*, 2010, its first level) without the one for colour, which would not be
 //! linear.
 
-use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
-use super::{Lightmap, Mesh};
+use super::{Lightmap, Mesh, Spot};
 
 /// The means, as a sparse matrix over a lightmap's texels.
 pub(super) struct Denoise {
@@ -28,22 +27,13 @@ const NORMAL_POWER: i32 = 45;
 /// Distance from a texel's plane, relative to the distance between the texels, at which a neighbour counts 1/e.
 const OFF_PLANE: f32 = 0.25;
 
-/// Where a texel's surface is, and how it faces.
-#[derive(Clone, Copy)]
-struct Spot {
-    centre: Vec3,
-    normal: Vec3,
-    area: f32,
-}
-
 impl Denoise {
     /// Means over squares of (2 [`RADIUS`] + 1)² texels under a tent.
     pub fn new(mesh: &Mesh, lightmap: &Lightmap) -> Self {
         let size = lightmap.size as i64;
         let mut own = vec![u32::MAX; lightmap.size * lightmap.size];
         lightmap.texels.iter().enumerate().for_each(|(t, texel)| own[texel.index as usize] = t as u32);
-        let spots: Vec<Spot> =
-            (0..lightmap.texels.len()).into_par_iter().map(|t| Spot::new(mesh, lightmap, t)).collect();
+        let spots = lightmap.spots(mesh);
         let window = |d: i64| (1.0 - d.abs() as f32 / (RADIUS + 1) as f32).max(0.0);
         let charts = &lightmap.charts;
         let apart = |a: usize, b: usize| !charts.is_empty() && charts[a] != charts[b];
@@ -85,19 +75,6 @@ impl Denoise {
 }
 
 impl Spot {
-    fn new(mesh: &Mesh, lightmap: &Lightmap, texel: usize) -> Self {
-        let (mut centre, mut normal, mut area) = (Vec3::ZERO, Vec3::ZERO, 0.0);
-        for fragment in lightmap.fragments(mesh, texel) {
-            let polygon = fragment.polygon();
-            let b = (polygon.iter().sum::<DVec2>() / polygon.len() as f64).as_vec2();
-            let (triangle, weight) = (fragment.triangle as usize, fragment.area_m2 as f32);
-            centre += mesh.interpolate(&mesh.positions, triangle, b.x, b.y) * weight;
-            normal += mesh.interpolate(&mesh.normals, triangle, b.x, b.y) * weight;
-            area += weight;
-        }
-        Self { centre: centre / area, normal: normal.normalize_or_zero(), area }
-    }
-
     /// How much of a neighbour's value holds here, from 0 to 1.
     fn likeness(&self, other: &Spot) -> f32 {
         let to = other.centre - self.centre;

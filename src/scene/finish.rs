@@ -30,6 +30,11 @@ impl Finish {
         Self { size: lightmap.size, texels: lightmap.texels.len(), sources, stitch, denoise }
     }
 
+    /// For each texel of the page the covered texel that it takes its value from; `u32::MAX` where there is none.
+    pub fn sources(&self) -> &[u32] {
+        &self.sources
+    }
+
     /// From values per texel to values per texel of the page, `[y][x]`, without filtering.
     pub fn page(&self, values: &[f32]) -> Vec<f32> {
         let mut page: Vec<f32> = self.sources.iter().map(|&t| values.get(t as usize).copied().unwrap_or(0.0)).collect();

@@ -1,14 +1,17 @@
-//! From a dataset (D, I) to a basis and a transfer matrix: the two ways to train, the choice of λ, and their error.
+//! From a dataset (D, I) to a basis and a transfer matrix: the ways to train, the choice of λ, and their error.
 //!
-//! Everything happens in the small space of training vectors. The Gram matrix of all lightmaps, held-out ones included, is
+//! Everything global happens in the small space of training vectors. The Gram matrix of all lightmaps, held-out ones included, is
 //! computed once ([`Gram`]); bases, transfer matrices, oracles and errors for any method and size then follow from it
-//! without touching a lightmap again, and only the chosen basis is expanded to texels ([`Fit::basis_values`]).
+//! without touching a lightmap again, and only the chosen basis is expanded to texels ([`Fit::expand`]). A local basis ([`LocalFit`]) starts from there.
 
+pub mod anchors;
 pub mod error;
 pub mod fit;
 pub mod gram;
+pub mod local;
 pub mod ridge;
 pub mod scope;
+mod small;
 
 use crate::dataset::ROWS;
 use crate::model::Channels;
@@ -16,30 +19,56 @@ use crate::model::Channels;
 pub use error::{ErrorSummary, HeldOutErrors};
 pub use fit::{Fit, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings};
 pub use gram::Gram;
+pub use local::{LocalFit, Precision, Terms};
 pub use scope::fit_scope;
+
+/// What a training run is made of, as far as its memory goes.
+#[derive(Clone, Copy, Debug)]
+pub struct Extent {
+    pub method: Method,
+    pub channels: Channels,
+    /// Elements, or channels a texel.
+    pub elements: usize,
+    /// Anchors of a local basis.
+    pub anchors: usize,
+    /// Conditions to train on, and all.
+    pub training: usize,
+    pub conditions: usize,
+    pub points: usize,
+    pub texels: usize,
+    /// Side of the lightmap.
+    pub lightmap_size: usize,
+}
 
 /// Bytes that training takes at most: the Gram matrix, and beside it what makes it, the fit (the weighted and the centred
 /// matrix, the eigenvectors, their copy in falling order and the solver's own), or the basis over texels and the model file.
-pub fn bytes_needed(
-    channels: Channels,
-    elements: usize,
-    training: usize,
-    conditions: usize,
-    points: usize,
-    texels: usize,
-    lightmap_size: usize,
-) -> u64 {
-    let components = if channels == Channels::Mono { 1 } else { 3 };
-    let [elements, training, points, texels] = [elements, training, points, texels].map(|n| n as u64);
-    let page = (lightmap_size * lightmap_size) as u64;
-    let (width, vectors) = (3 * conditions as u64, training * 3 / components);
+pub fn bytes_needed(extent: &Extent) -> u64 {
+    let Extent { method, channels, .. } = *extent;
+    let components = channels.components() as u64;
+    let [elements, training, points, texels] =
+        [extent.elements, extent.training, extent.points, extent.texels].map(|n| n as u64);
+    let page = (extent.lightmap_size * extent.lightmap_size) as u64;
+    let (width, vectors) = (3 * extent.conditions as u64, training * 3 / components);
     let gram = 8 * width * width;
     let making = gram / 2 + ROWS as u64 * width * (8 + 4 + 2);
     let fit = 7 * 8 * vectors * vectors + 4 * 8 * 3 * points * training;
+    let terms = if method == Method::Local { vectors.min(fit::LOCAL_TERMS as u64) } else { elements };
+    // The lightmaps and the expanded rows of a tile, and what combines them.
+    let tile = 8 * ROWS as u64 * components * (vectors + terms) + 2 * 8 * vectors * terms;
     let values = texels * elements * components * 4;
     let halves = page * elements * components * 2;
-    // The nearest covered texel of each is found for the gutter; the model's bytes are laid out twice before they are written.
-    let basis = (values + halves + 16 * page).max(3 * halves);
+    let basis = match method {
+        // The nearest covered texel of each is found for the gutter; the model's bytes are laid out twice before they are
+        // written.
+        Method::Belcour | Method::Linear => (values + halves + 16 * page + tile).max(3 * halves),
+        Method::Local => {
+            let coefficients = extent.anchors as u64 * elements;
+            let normal = (local::PARTS as u64 + 3) * 8 * coefficients * (coefficients + terms);
+            let matrices = 2 * 3 * 8 * coefficients * points;
+            let finished = page * (components * elements * (8 + 4 + 2) + 2 * 4 * local::PLANES as u64 + 24);
+            texels * components * terms * 4 + values + matrices + tile.max(normal).max(finished)
+        }
+    };
     gram + making.max(fit).max(basis)
 }
 

@@ -10,7 +10,7 @@ use rand_pcg::Pcg64;
 use relight::light::Light;
 use relight::math::Rgb;
 use relight::measure::{MeasurementPoint, MeasurementPoints};
-use relight::model::{Basis, Channels, HeldOut, Model, Scope, TrainingRecord, Transfer, View};
+use relight::model::{Anchors, Basis, Channels, HeldOut, Model, Scope, TrainingRecord, Transfer, Values, View};
 use relight::scene::{Asset, Camera, Material, Mesh, Reflectance, Texture, TextureRef, Wrap};
 
 /// Texels on a side of the lightmap.
@@ -183,7 +183,7 @@ pub fn model(channels: Channels, elements: usize, mean_scaled_by_norm: bool) -> 
     Model {
         asset,
         points,
-        basis: Basis { size: LIGHTMAP, elements, components, values },
+        basis: Basis { size: LIGHTMAP, elements, components, values: Values::Half(values), anchors: None },
         transfer: Transfer { channels, elements, points: count, matrices, mean_scaled_by_norm },
         scope: Some(Scope {
             kinds: vec!["point".into(), "sky".into()],
@@ -201,6 +201,27 @@ pub fn model(channels: Channels, elements: usize, mean_scaled_by_norm: bool) -> 
             separation: Vec::new(),
         },
     }
+}
+
+/// The same with a local basis of 8 bits, 9 anchors and `channels_a_texel`.
+pub fn local_model(channels: Channels, channels_a_texel: usize) -> Model {
+    const ANCHORS: usize = 9;
+    let mut model = model(channels, ANCHORS * channels_a_texel, false);
+    let mut rng = Pcg64::seed_from_u64(31);
+    let page = LIGHTMAP * LIGHTMAP;
+    let components = channels.components();
+    let codes = (0..channels_a_texel * components * page).map(|_| rng.random_range(-127..=127)).collect();
+    let indices = (0..page).map(|_| std::array::from_fn(|_| rng.random_range(0..ANCHORS as u8))).collect();
+    let shares = (0..page)
+        .map(|_| {
+            let [a, b, c] = [(); 3].map(|_| rng.random_range(0..=85));
+            [a, b, c, rng.random_range(200..=255)]
+        })
+        .collect();
+    let anchors = Some(Anchors { count: ANCHORS, indices, shares });
+    model.basis =
+        Basis { size: LIGHTMAP, elements: channels_a_texel, components, values: Values::Byte(codes), anchors };
+    model
 }
 
 /// One light of each kind, shining into the room.
