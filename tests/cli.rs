@@ -274,7 +274,7 @@ fn compare_writes_its_report() {
     let stdout = work.succeeds("compare model.relight -o report --reference-paths 1 --json rows.json", &[]);
     assert!(stdout.contains("mean relative RMSE on held-out lights, as trained"), "{stdout}");
     let files = work.files();
-    for name in ["report.html", "errors.csv", "comparison.json", "images"] {
+    for name in ["report.html", "errors.csv", "views.csv", "comparison.json", "images"] {
         assert!(files.contains(&format!("report/{name}")), "{name}: {files:?}");
     }
     let comparison = work.json("report/comparison.json");
@@ -290,6 +290,15 @@ fn compare_writes_its_report() {
         assert!(number(&row["mean"]) > 0.0 && number(&row["mean"]) < 100.0, "{row}");
     }
     assert_eq!(methods, ["belcour", "linear", "local", "sh_prt_texel", "sh_prt_vertex"].into());
+    // Four methods under three lights.
+    let views = comparison["views"].as_array().unwrap();
+    assert_eq!(views.len(), 12);
+    for view in views {
+        has_keys(view, &["light", "method", "flip_ldr", "flip_hdr"]);
+        assert!(
+            ["flip_ldr", "flip_hdr"].iter().all(|k| (0.0..=1.0).contains(&number(&view[k])) && number(&view[k]) > 0.0)
+        );
+    }
     let csv = std::fs::read_to_string(work.path("report/errors.csv")).unwrap();
     assert_eq!(csv.lines().count(), rows.len() + 1);
     // What the model was trained to is what comes out again.

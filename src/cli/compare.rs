@@ -95,7 +95,7 @@ pub fn compare(
         scenarios,
     };
     let report = inputs.assemble(reporter)?;
-    let figures = json!({ "rows": report.page.rows, "bake": { "bias": report.bias } });
+    let figures = json!({ "rows": report.page.rows, "views": report.views, "bake": { "bias": report.bias } });
     super::write_file(&folder.join("report.html"), report.page.to_html().as_bytes())?;
     super::write_file(&folder.join("comparison.json"), format!("{figures:#}\n").as_bytes())?;
     for (name, text) in &report.tables {

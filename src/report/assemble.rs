@@ -6,31 +6,19 @@ use super::comparison::{Comparison, Row};
 use super::figures;
 use super::page::{Image, Page, Plate, Plot, method_label};
 use super::plot::{Series, line_plot};
+use super::views::{ViewRow, views_csv};
 use crate::dataset::{Bytes, Dataset, DatasetError};
-use crate::light::{EmissionFacets, LightTable, LightingCondition};
-use crate::math::Rgb;
-use crate::model::render::render;
-use crate::model::{Basis, LightmapImage, Model, Picture, Shown, Transfer, View, ViewError};
+use crate::light::{EmissionFacets, LightingCondition};
+use crate::model::{Model, ViewError};
 use crate::progress::Progress;
-use crate::prt::{PrtError, PrtSettings, ShPrt, bake_texels, bake_vertices, light_coefficients};
+use crate::prt::{PrtError, PrtSettings, bake_texels, bake_vertices};
 use crate::scene::{Finish, Lightmap, Tracer};
-use crate::transfer::{
-    Fit, Gram, HeldOutErrors, Lambda, Method, PUBLISHED_LAMBDA, Precision, TrainSettings, TransferError,
-};
-use crate::transport::reference::{Reference, ReferenceError, ReferenceSettings};
+use crate::transfer::{Fit, Gram, HeldOutErrors, Precision, TransferError};
+use crate::transport::reference::ReferenceError;
 use crate::transport::{BakeError, BakeSettings, Bias, bake_direct};
 
 /// The largest order of spherical harmonics that is compared.
 const ORDER: usize = 6;
-
-/// The order whose pictures are shown: 16 coefficients, as many as the default basis.
-const SHOWN_ORDER: usize = 4;
-
-/// Size of the pictures, pixels.
-const PICTURE: (u32, u32) = (320, 260);
-
-/// Difference, relative to the picture's mean, at which false colour is brightest.
-const FULL_SCALE: f32 = 0.5;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
@@ -97,6 +85,8 @@ pub struct Report {
     pub page: Page,
     /// Of the bake, where it gathers.
     pub bias: Option<Bias>,
+    /// How different relit pictures look from path traced ones.
+    pub views: Vec<ViewRow>,
     /// File name and PNG bytes.
     pub images: Vec<(String, Vec<u8>)>,
     /// File name and text.
@@ -143,7 +133,7 @@ impl Inputs<'_> {
         let own = &self.scenarios[0];
         let held_out = &own.dataset.conditions[own.dataset.held_out()];
         let bias = Bias::measure(self.tracer, self.lightmap, held_out, &self.bake, progress)?;
-        let mut plates = self.relit(own, &vertices, &texels, centre, progress)?;
+        let (mut plates, views) = self.relit(own, &vertices, &texels, centre, progress)?;
         plates.push(self.points()?);
         plates.push(self.basis());
         let mut images = Vec::new();
@@ -156,6 +146,7 @@ impl Inputs<'_> {
         let plots = self.plots(&rows);
         let tables = vec![
             ("errors.csv".to_owned(), csv(&rows)),
+            ("views.csv".to_owned(), views_csv(&views)),
             ("singular_values.csv".to_owned(), singular_values_csv(&self.fit.singular_values)),
         ];
         let page = Page {
@@ -165,7 +156,7 @@ impl Inputs<'_> {
             plots,
             plates,
         };
-        Ok(Report { page, bias, images, tables })
+        Ok(Report { page, bias, views, images, tables })
     }
 
     /// How many held-out lightmaps, direct and indirect, may be in memory together.
@@ -226,109 +217,6 @@ impl Inputs<'_> {
             svg: line_plot("element", "relative eigenvalue", true, true, &[series]),
         });
         plots
-    }
-
-    /// Relit pictures of three held-out conditions: well, middling and badly reconstructed ones.
-    fn relit(
-        &self,
-        own: &Scenery,
-        vertices: &ShPrt,
-        texels: &ShPrt,
-        centre: Vec3,
-        progress: &dyn Progress,
-    ) -> Result<Vec<Plate>, ReportError> {
-        let errors = self.errors;
-        let lit: Vec<usize> = own.dataset.held_out().filter(|&h| own.gram.is_lit(h)).collect();
-        let mut order: Vec<usize> = (0..errors.transfer.len()).collect();
-        order.sort_by(|&a, &b| errors.transfer[a].total_cmp(&errors.transfer[b]));
-        let baseline = self.baseline(own, progress)?;
-        let mut plates = Vec::new();
-        for (share, name) in [(0.1, "one of the best tenth"), (0.5, "the median"), (0.9, "one of the worst tenth")] {
-            let Some(&k) = order.get(((order.len() as f64 - 1.0) * share).round() as usize) else { continue };
-            let condition = &own.dataset.conditions[lit[k]];
-            let rows = self.relit_rows(condition, &baseline, vertices, texels, centre, progress)?;
-            plates.push(Plate {
-                title: format!("Held-out light: {name}"),
-                note: format!(
-                    "Relative RMSE of the lightmap {:.1} %. Path traced with {} paths a pixel. Error: difference over the mean of the reference, brightest at {:.0} %.",
-                    100.0 * errors.transfer[k],
-                    self.reference_paths,
-                    100.0 * FULL_SCALE
-                ),
-                rows,
-                pixelated: false,
-            });
-        }
-        Ok(plates)
-    }
-
-    /// The paper's baseline with as many elements as the model.
-    fn baseline(&self, own: &Scenery, progress: &dyn Progress) -> Result<(Basis, Transfer), ReportError> {
-        let fit = self.fit.settings;
-        let lambda = self.lambda.map_or(PUBLISHED_LAMBDA, Lambda::Relative);
-        let settings = TrainSettings { method: Method::Belcour, lambda, ..fit };
-        let (values, transfer) = Fit::train(own.dataset, own.gram, settings)?.expand(own.dataset, progress)?;
-        Ok((Basis::from_texels(self.finish, transfer.elements, &values), transfer))
-    }
-
-    fn relit_rows(
-        &self,
-        condition: &LightingCondition,
-        (baseline, baseline_transfer): &(Basis, Transfer),
-        vertices: &ShPrt,
-        texels: &ShPrt,
-        centre: Vec3,
-        progress: &dyn Progress,
-    ) -> Result<Vec<Vec<Image>>, ReportError> {
-        let model = self.model;
-        let view = View::new(model.asset.cameras[0].clone(), PICTURE.0, PICTURE.1);
-        let emission = EmissionFacets::of(&model.asset);
-        let table = LightTable::new(&condition.lights, &emission);
-        let settings = ReferenceSettings {
-            samples: self.reference_paths,
-            max_bounces: self.bake.max_bounces,
-            seed: self.bake.seed,
-        };
-        let reference = Reference::trace(self.tracer, &view, &condition.lights, &settings, progress)?;
-        let direct = render(self.tracer, &view, &table, Shown::Direct, &|_| Rgb::ZERO)?;
-        let x = model.points.direct(self.tracer, &table);
-        let ours = model.render_with(self.tracer, &view, &table, &model.transfer.coefficients(&x), Shown::Indirect)?;
-        let baseline = baseline.reconstruct(&baseline_transfer.coefficients(&x));
-        let published = render(self.tracer, &view, &table, Shown::Indirect, &|uv| baseline.sample(uv))?;
-        let light = light_coefficients(&condition.lights, &emission, centre, SHOWN_ORDER);
-        let classical = |prt: &ShPrt| {
-            let image = LightmapImage::new(self.finish, &prt.indirect(&light));
-            render(self.tracer, &view, &table, Shown::Indirect, &|uv| image.sample(uv))
-        };
-        let (by_vertex, by_texel) = (classical(vertices)?, classical(texels)?);
-
-        // The reference's direct light is noisy at shadow edges only; its sum with the indirect light sets the exposure.
-        let truth = figures::sum(&direct, &reference.indirect);
-        let exposure = figures::exposure_for(&truth);
-        // Indirect light alone is darker: all its pictures are shown one stop brighter.
-        let picture = |p: &Picture, caption: String| figures::render(p, exposure, caption);
-        let dim = |p: &Picture, caption: String| figures::render(p, 2.0 * exposure, caption);
-        let error =
-            |p: &Picture| figures::error(p, &reference.indirect, &truth, FULL_SCALE, "error of the indirect light");
-        let n = model.basis.elements;
-        let elements = if model.basis.anchors.is_some() { "channels a texel" } else { "elements" };
-        let prt = format!("order {SHOWN_ORDER}");
-        Ok(vec![
-            vec![
-                picture(&direct, "direct".into()),
-                dim(&ours, format!("indirect, {n} {elements} (one stop up)")),
-                picture(&figures::sum(&direct, &ours), "sum".into()),
-                picture(&truth, "reference, path traced".into()),
-                error(&ours),
-            ],
-            vec![
-                dim(&reference.indirect, "reference, indirect".into()),
-                dim(&published, format!("Belcour 2022, {n} elements")),
-                error(&published),
-                dim(&by_texel, format!("SH PRT per texel, {prt}")),
-                dim(&by_vertex, format!("SH PRT per vertex, {prt}")),
-            ],
-        ])
     }
 
     fn points(&self) -> Result<Plate, ReportError> {

@@ -6,5 +6,7 @@ pub mod figures;
 pub mod flip;
 pub mod page;
 pub mod plot;
+pub mod views;
 
 pub use comparison::{Comparison, Row};
+pub use views::ViewRow;

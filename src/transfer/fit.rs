@@ -28,6 +28,17 @@ pub enum Method {
     Local,
 }
 
+impl Method {
+    /// Its name in settings and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Method::Belcour => "belcour",
+            Method::Linear => "linear",
+            Method::Local => "local",
+        }
+    }
+}
+
 /// Terms of the global basis that a local one is fitted to. Measured at P = 512, N = 512, K = 256: twice as many change the error
 /// from 6.47 to 6.50 % (cornell), 24.7 to 24.2 % (interior) and not at all (statue).
 pub const LOCAL_TERMS: usize = 192;
