@@ -30,7 +30,7 @@ const FEATURE_EXPONENT: f32 = 0.5;
 /// Per pixel, from 0, equal, to 1: of pictures with display-linear values in [0, 1].
 pub fn ldr(reference: &Picture, test: &Picture) -> Vec<f32> {
     assert_eq!((reference.width, reference.height), (test.width, test.height), "pictures of different sizes");
-    let seen = [reference, test].map(|picture| Seen::new(picture));
+    let seen = [reference, test].map(Seen::new);
     let largest = hyab(hunt(lab(Vec3::Y)), hunt(lab(Vec3::Z))).powf(COLOUR_EXPONENT);
     let pixel = |i: usize| {
         let difference = hyab(seen[0].colours[i], seen[1].colours[i]).powf(COLOUR_EXPONENT);
