@@ -37,7 +37,8 @@ impl Asset {
             let view = file.view(&png.into_inner(), None);
             let [s, t] = texture.wrap.map(wrap_mode);
             let sampler = json!({ "magFilter": LINEAR, "minFilter": LINEAR, "wrapS": s, "wrapT": t });
-            let index = file.push("images", json!({ "name": texture.name, "mimeType": "image/png", "bufferView": view }));
+            let index =
+                file.push("images", json!({ "name": texture.name, "mimeType": "image/png", "bufferView": view }));
             file.push("samplers", sampler);
             file.push("textures", json!({ "source": index, "sampler": index }));
         }
@@ -114,8 +115,7 @@ impl Writer {
         for (material, indices) in by_material.iter().enumerate().filter(|(_, indices)| !indices.is_empty()) {
             let view = self.view(bytemuck::cast_slice(indices), Some(ELEMENT_ARRAY_BUFFER));
             let (component, count) = (UNSIGNED_INT, indices.len());
-            let accessor =
-                json!({ "bufferView": view, "componentType": component, "count": count, "type": "SCALAR" });
+            let accessor = json!({ "bufferView": view, "componentType": component, "count": count, "type": "SCALAR" });
             let indices = self.push("accessors", accessor);
             primitives.push(json!({ "attributes": attributes, "indices": indices, "material": material }));
         }
@@ -181,8 +181,7 @@ impl Writer {
 
     /// Header, JSON and binary chunk (glTF 2.0, section 4); `None` where the length has no 32 bits.
     fn finish(mut self) -> Option<Vec<u8>> {
-        self.json["asset"] =
-            json!({ "version": "2.0", "generator": concat!("relight ", env!("CARGO_PKG_VERSION")) });
+        self.json["asset"] = json!({ "version": "2.0", "generator": concat!("relight ", env!("CARGO_PKG_VERSION")) });
         self.json["scene"] = 0.into();
         self.json["scenes"] = json!([{ "nodes": [0] }]);
         self.json["buffers"] = json!([{ "byteLength": self.bytes.len() }]);
