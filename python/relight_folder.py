@@ -230,7 +230,9 @@ def forecast(data):
 def read_exr(path):
     """RGB of a file that relight or `write_exr` wrote, [y][x][channel]; other files need a library."""
     data = pathlib.Path(path).read_bytes()
-    if struct.unpack_from("<ii", data) != (20000630, 2):
+    magic, version = struct.unpack_from("<ii", data)
+    # Flags for tiles, deep data and several parts.
+    if magic != 20000630 or version & 0x1A00:
         raise SystemExit(f"{path}: not an OpenEXR file of scan lines in one part")
     at, header = 8, {}
     while data[at]:

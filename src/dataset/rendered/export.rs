@@ -196,7 +196,10 @@ fn exr_of(map: &EnvironmentMap) -> exr::error::Result<Vec<u8>> {
         (c.x, c.y, c.z)
     };
     let channels = SpecificChannels::rgb(colour);
-    let layer = Layer::new((width, map.height()), LayerAttributes::default(), Encoding::FAST_LOSSLESS, channels);
+    // What the simplest readers read.
+    let line_order = LineOrder::Increasing;
+    let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order };
+    let layer = Layer::new((width, map.height()), LayerAttributes::default(), encoding, channels);
     let mut bytes = Cursor::new(Vec::new());
     Image::from_layer(layer).write().to_buffered(&mut bytes)?;
     Ok(bytes.into_inner())
