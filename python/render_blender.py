@@ -4,7 +4,7 @@
     blender -b -P render_blender.py -- DIR [--samples 256]      inside Blender
 
 Conditions that have a lightmap are left out, so that a run that was stopped goes on. What is baked is a white copy of the
-asset, just off its surface and seen by no ray: so the light that arrives is had whatever the material below. Cycles bakes
+asset, just off its surface and met by no path: so the light that arrives is had whatever the material below. Cycles bakes
 texels at their centres; those whose centre is not on the surface take the nearest one's value.
 """
 
@@ -277,7 +277,7 @@ def main():
         positions = np.concatenate([p["positions"] for p in primitives])
         extent = float(np.linalg.norm(positions.max(0) - positions.min(0)))
         copy = add_object("copy", primitives, [white] * len(primitives), OFFSET * extent)
-        for ray in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+        for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
             setattr(copy, f"visible_{ray}", False)
         bpy.context.view_layer.objects.active = copy
         copy.select_set(True)
