@@ -39,7 +39,7 @@ def bitmap(texture, channels, factor, srgb):
     with tempfile.NamedTemporaryFile(suffix=".png") as file:
         file.write(texture["png"])
         file.flush()
-        codes = np.array(mi.Bitmap(file.name).convert(mi.Bitmap.PixelFormat.RGBA, mi.Struct.Type.UInt8, False)) / 255.0
+        codes = np.array(mi.Bitmap(file.name)) / 255.0
     values = codes[..., channels]
     if srgb:
         values = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
