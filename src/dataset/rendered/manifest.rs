@@ -1,5 +1,6 @@
 //! `conditions.json`: the conditions to render, where their lightmaps go, and what they were rendered for.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -83,7 +84,7 @@ impl Manifest {
         let path = folder.join(FILE);
         let text = match std::fs::read(&path) {
             Ok(text) => text,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => return Ok(None),
             Err(source) => return Err(DatasetError::Read { path, source }),
         };
         let wrong = |why: String| DatasetError::Rendered { path: path.clone(), why };
