@@ -47,7 +47,7 @@ impl Compare {
         super::check_output(&self.output.join("report.html"))?;
         let prepared = Prepared::from_model(&model, &self.model)?;
         // The dataset is a function of the scene settings and the seed: where its folder is gone, it is baked anew.
-        let place = self.storage.place(&self.model);
+        let place = self.storage.place(&self.model)?;
         let trained = prepared.train(&place, reporter)?;
         if trained.model.record != model.record {
             reporter.note(&format!(
@@ -150,7 +150,7 @@ fn distant(
     let training = lit.iter().filter(|&&c| c < draw.training).count();
     let conditions = lit.iter().map(|&c| conditions[c].clone()).collect();
     let scene = SceneFile { scenario, ..prepared.scene.clone() };
-    let place = Place { folder: place.folder.join("distant"), memory: place.memory };
+    let place = Place { folder: place.folder.join("distant"), memory: place.memory, rendered: None };
     let dataset = prepared.bake(&scene, tracer, points, conditions, training, &place, reporter)?;
     let gram = Gram::of(&dataset, reporter)?;
     Ok(Some((dataset, gram)))

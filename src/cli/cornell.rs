@@ -14,7 +14,7 @@ pub fn run(json: Option<&Path>, reporter: &Reporter) -> Result<(), Failure> {
     let start = Instant::now();
     let prepared = prepare(SceneFile::cornell(), "cornell", reporter)?;
     let output = default_output(&prepared.asset.name);
-    let place = Storage::default().place(&output);
+    let place = Storage::default().place(&output)?;
     let trained = prepared.train(&place, reporter)?;
     let bytes = trained.model.save(&output)?;
     print_summary(&trained, &output, bytes);

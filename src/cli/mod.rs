@@ -3,6 +3,7 @@
 pub mod bake;
 pub mod compare;
 pub mod cornell;
+pub mod export_conditions;
 pub mod failure;
 pub mod info;
 pub mod lights;
@@ -49,6 +50,7 @@ enum Command {
     Compare(compare::Compare),
     Render(render::Render),
     Bake(bake::Bake),
+    ExportConditions(export_conditions::ExportConditions),
     Info(info::Info),
 }
 
@@ -79,6 +81,7 @@ pub fn run() -> ExitCode {
         Some(Command::Compare(compare)) => compare.run(json, &reporter),
         Some(Command::Render(render)) => render.run(json, &reporter),
         Some(Command::Bake(bake)) => bake.run(json, &reporter),
+        Some(Command::ExportConditions(export)) => export.run(json, &reporter),
         Some(Command::Info(info)) => info.run(json, &reporter),
         None => cornell::run(json, &reporter),
     };

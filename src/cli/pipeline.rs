@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use glam::Vec3;
 
-use crate::dataset::{Contrast, Dataset, Draw, Job, identity};
+use crate::dataset::{Contrast, Dataset, Draw, Job, Reading, identity};
 use crate::light::LightingCondition;
 use crate::measure::MeasurementPoints;
 use crate::model::{Basis, HeldOut, Model, Scope, TrainingRecord, Transfer};
@@ -33,7 +33,7 @@ pub struct Trained {
     /// The global fit that a local basis was fitted to, if it is local.
     pub fit: Fit,
     pub errors: HeldOutErrors,
-    /// Per texel.
+    /// Per texel; 0 where it is not known.
     pub paths: u32,
     pub bake_seconds: f64,
     pub train_seconds: f64,
@@ -82,7 +82,8 @@ impl Prepared {
         BakeSettings { paths: bake.paths, max_bounces: bake.max_bounces, seed: bake.seed, integrator: bake.integrator }
     }
 
-    /// Places points, draws conditions and bakes those that the dataset's folder does not have.
+    /// Places points, draws conditions and bakes those that the dataset's folder does not have; or reads what another renderer
+    /// rendered.
     fn dataset(
         &self,
         tracer: &Tracer,
@@ -91,6 +92,14 @@ impl Prepared {
     ) -> Result<(MeasurementPoints, Dataset), Failure> {
         let (settings, bake) = (&self.scene.points, &self.scene.bake);
         let points = MeasurementPoints::place(&self.asset, settings.count, settings.sub_points, bake.seed)?;
+        if let Some(rendered) = &place.rendered {
+            let (training, held_out) = (bake.conditions, bake.held_out);
+            let (lightmap, memory) = (&self.lightmap, place.memory);
+            let reading = Reading { tracer, lightmap, points: &points, training, held_out, memory };
+            reporter.keeps_in(&place.folder);
+            let dataset = rendered.dataset(&reading, &place.folder, reporter)?;
+            return Ok((points, dataset));
+        }
         let draw = Draw { scenario: &self.scene.scenario, training: bake.conditions, held_out: bake.held_out };
         let conditions = draw.conditions(tracer, bake.seed)?;
         let dataset = self.bake(&self.scene, tracer, &points, conditions, draw.training, place, reporter)?;
@@ -159,7 +168,8 @@ impl Prepared {
         let (record, scope) = self.record(&tracer, &points, &dataset, &fit, &errors)?;
         let model = Model { asset: self.asset.clone(), points, basis, transfer, scope, record };
         let train_seconds = start.elapsed().as_secs_f64();
-        Ok(Trained { model, dataset, gram, fit, errors, paths: self.scene.bake.paths, bake_seconds, train_seconds })
+        let paths = place.rendered.as_ref().map_or(self.scene.bake.paths, |r| r.samples().unwrap_or(0));
+        Ok(Trained { model, dataset, gram, fit, errors, paths, bake_seconds, train_seconds })
     }
 
     /// A local basis from the global `fit`.
@@ -195,6 +205,7 @@ impl Prepared {
     ) -> Result<(TrainingRecord, Option<Scope>), Failure> {
         let summary = errors.summary();
         let noise = &dataset.noise[dataset.held_out()];
+        let noise = noise.iter().map(|&n| n as f64).sum::<f64>() / noise.len().max(1) as f64;
         let seed = self.scene.bake.seed;
         let held_out = dataset.held_out().map(|h| dataset.direct(h)).collect();
         let contrast = Contrast::draw(tracer, points, &self.scene.scenario, held_out, seed)?;
@@ -212,7 +223,7 @@ impl Prepared {
                 median: summary.median,
                 worst: summary.worst,
                 oracle_mean: summary.oracle_mean,
-                noise: noise.iter().map(|&n| n as f64).sum::<f64>() / noise.len().max(1) as f64,
+                noise: noise.is_finite().then_some(noise),
             },
             separation: separation.unwrap_or_default(),
         };

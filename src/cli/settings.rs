@@ -3,6 +3,7 @@
 use clap::Args;
 
 use super::Failure;
+use crate::dataset::Rendered;
 use crate::model::Channels;
 use crate::scene::UvPolicy;
 use crate::scene_file::{MaterialPolicy, SceneFile};
@@ -70,6 +71,15 @@ pub struct Overrides {
 }
 
 impl Overrides {
+    /// Takes over what a rendered dataset decides: the numbers of conditions, as far as they are not given, and that its
+    /// lightmaps are as their renderer left them, unless they are to be filtered.
+    pub fn take(&self, scene: &mut SceneFile, rendered: &Rendered) {
+        let (training, held_out) = rendered.counts();
+        scene.bake.conditions = self.conditions.unwrap_or(training);
+        scene.bake.held_out = self.held_out.unwrap_or(held_out);
+        scene.bake.denoise = Some(self.denoise.unwrap_or(false));
+    }
+
     /// Applies the overrides to `scene` and checks the result; `place` names the scene in an error.
     pub fn apply(&self, scene: &mut SceneFile, place: &str) -> Result<(), Failure> {
         fn set<T: Clone>(to: &mut T, from: &Option<T>) {

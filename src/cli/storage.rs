@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::Failure;
 use crate::dataset::folder::slack;
-use crate::dataset::{Bytes, DatasetError, Identity};
+use crate::dataset::{Bytes, DatasetError, Identity, Rendered};
 use crate::scene_file::SceneFile;
 use crate::transfer;
 
@@ -15,7 +15,8 @@ use crate::transfer;
 #[derive(Args, Clone, Debug, Default)]
 pub struct Storage {
     /// Folder that keeps the baked light, so that a run that was stopped goes on where it was, and more conditions can be
-    /// added [default: beside the model, NAME.dataset]
+    /// added; or one that `relight export-conditions` wrote and another renderer filled, to train from its lightmaps
+    /// [default: beside the model, NAME.dataset]
     #[arg(long, value_name = "DIR")]
     pub dataset: Option<PathBuf>,
     /// Most memory to take, such as 512MiB or 8GiB [default: three quarters of the machine's]; results do not depend on it
@@ -25,17 +26,22 @@ pub struct Storage {
 
 impl Storage {
     /// For a model at `model`.
-    pub fn place(&self, model: &Path) -> Place {
+    pub fn place(&self, model: &Path) -> Result<Place, Failure> {
         let folder = self.dataset.clone().unwrap_or_else(|| model.with_extension("dataset"));
-        Place { folder, memory: self.memory.unwrap_or_else(Bytes::of_machine) }
+        let rendered = Rendered::open(&folder)?;
+        let folder = rendered.as_ref().map_or(folder, Rendered::shards);
+        Ok(Place { folder, memory: self.memory.unwrap_or_else(Bytes::of_machine), rendered })
     }
 }
 
 /// The dataset's folder and the ceiling of memory.
 #[derive(Clone, Debug)]
 pub struct Place {
+    /// Of our own shards.
     pub folder: PathBuf,
     pub memory: Bytes,
+    /// Lightmaps that another renderer rendered, where they are to be trained from.
+    pub rendered: Option<Rendered>,
 }
 
 impl Place {

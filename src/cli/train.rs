@@ -35,17 +35,21 @@ pub struct Train {
 impl Train {
     pub fn run(&self, json: Option<&Path>, reporter: &Reporter) -> Result<(), Failure> {
         let start = Instant::now();
-        let (mut scene, place) = match &self.scene {
+        let (mut scene, name) = match &self.scene {
             Some(path) => (SceneFile::read(path)?, path.display().to_string()),
             None => (SceneFile::cornell(), "cornell".to_owned()),
         };
-        self.overrides.apply(&mut scene, &place)?;
+        self.overrides.apply(&mut scene, &name)?;
         // What cannot fit whatever the asset is refused before the asset is read.
-        self.storage.place(Path::new("")).check_training(&scene, 0)?;
-        let prepared = prepare(scene, &place, reporter)?;
+        let place = self.storage.place(Path::new(""))?;
+        if let Some(rendered) = &place.rendered {
+            self.overrides.take(&mut scene, rendered);
+        }
+        place.check_training(&scene, 0)?;
+        let prepared = prepare(scene, &name, reporter)?;
         let output = self.output.clone().unwrap_or_else(|| default_output(&prepared.asset.name));
         super::check_output(&output)?;
-        let trained = prepared.train(&self.storage.place(&output), reporter)?;
+        let trained = prepared.train(&self.storage.place(&output)?, reporter)?;
         let bytes = trained.model.save(&output)?;
         if let Some(folder) = &self.debug_images {
             write_debug_images(folder, &prepared, &trained)?;
@@ -95,6 +99,7 @@ pub fn figures(trained: &Trained, model_bytes: u64, total_seconds: f64) -> serde
             "worst": held_out.worst,
             "oracle_mean": held_out.oracle_mean,
             "noise": held_out.noise,
+            "each": trained.errors.transfer,
         },
         "separation": record.separation,
         "lambda": record.lambda,
@@ -130,9 +135,9 @@ pub fn print_summary(trained: &Trained, output: &Path, bytes: u64) {
         percent(held_out.worst)
     );
     println!(
-        "  oracle {} (the best that this basis allows), noise of the bake {}",
+        "  oracle {} (the best that this basis allows), noise of the lightmaps {}",
         percent(held_out.oracle_mean),
-        percent(held_out.noise)
+        held_out.noise.map_or("not known".to_owned(), percent)
     );
     if let Some(weakest) = record.separation.iter().min_by(|a, b| a.auc.total_cmp(&b.auc)) {
         let kinds: Vec<&str> = record.separation.iter().map(|s| s.kind.as_str()).collect();

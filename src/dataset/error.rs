@@ -28,6 +28,9 @@ pub enum DatasetError {
     Stale { path: PathBuf, changes: String },
     #[error("{}: damaged: {why}; remove this file, and the same command bakes what was in it anew", path.display())]
     Damaged { path: PathBuf, why: String },
+    /// A rendered dataset that cannot be used.
+    #[error("{}: {why}", path.display())]
+    Rendered { path: PathBuf, why: String },
     #[error("--memory {ceiling} is too little: {what} needs {needed}{advice}")]
     Memory { ceiling: super::Bytes, what: String, needed: super::Bytes, advice: String },
 }

@@ -21,7 +21,7 @@ use crate::light::{EmissionFacets, LightTable, LightingCondition};
 use crate::measure::MeasurementPoints;
 use crate::progress::Progress;
 use crate::scene::{Lightmap, Tracer};
-use crate::transport::{BakeSettings, Baker, NoiseSums, TILE};
+use crate::transport::{BakeSettings, BakedTexels, Baker, NoiseSums, TILE};
 
 /// Takes a range of texels and their rows.
 type Visit<'v> = dyn FnMut(Range<usize>, &[f32]) -> Result<(), DatasetError> + 'v;
@@ -50,9 +50,9 @@ pub struct Shards {
 
 /// A batch's place in the dataset: per condition of the batch the dataset's condition, if it is one.
 #[derive(Clone, Debug)]
-struct Column {
-    batch: usize,
-    columns: Vec<Option<u32>>,
+pub(super) struct Column {
+    pub batch: usize,
+    pub columns: Vec<Option<u32>>,
 }
 
 const LOCK: &str = "lock";
@@ -126,7 +126,7 @@ impl Dataset {
     ) -> Result<Self, DatasetError> {
         let texels = job.lightmap.texels.len();
         let wanted = Manifest::new(job.identity.clone(), texels, job.points.points.len());
-        let mut store = Store::open(folder, wanted, job)?;
+        let mut store = Store::open(folder, wanted, job.lightmap)?;
         store.add(&conditions, training, job.most_conditions(&conditions, slack())?)?;
         // Resident memory differs a little from run to run: batches that one began, the next can go on with.
         let most = job.most_conditions(&conditions, slack() - RUNS_DIFFER)?;
@@ -155,12 +155,11 @@ impl Dataset {
                 }
             }
         }
-        let shards = Shards { folder: folder.to_owned(), texels, batches, _lock: store.lock };
         Ok(Self {
             conditions,
             training,
             direct,
-            indirect: Indirect::Folder(shards),
+            indirect: Indirect::Folder(store.into_shards(batches)),
             texel_areas: job.lightmap.texels.iter().map(|t| t.area).collect(),
             noise,
         })
@@ -168,14 +167,55 @@ impl Dataset {
 }
 
 /// An open folder.
-struct Store {
+pub(super) struct Store {
     folder: PathBuf,
-    manifest: Manifest,
+    pub manifest: Manifest,
     lock: Arc<File>,
 }
 
 impl Store {
-    fn open(folder: &Path, wanted: Manifest, job: &Job) -> Result<Self, DatasetError> {
+    fn open(folder: &Path, wanted: Manifest, lightmap: &Lightmap) -> Result<Self, DatasetError> {
+        let (lock, found) = Self::take(folder)?;
+        let manifest = match found {
+            Some(found) => match found.changes(&wanted) {
+                Some(changes) => return Err(DatasetError::Stale { path: folder.to_owned(), changes }),
+                None => found,
+            },
+            None => {
+                write_texels(&folder.join(TEXELS), lightmap)?;
+                wanted.write(folder)?;
+                wanted
+            }
+        };
+        Ok(Self { folder: folder.to_owned(), manifest, lock: Arc::new(lock) })
+    }
+
+    /// Opens a folder that can be made again from what is elsewhere: where it is not as `wanted`, or not `good`, it is begun
+    /// anew.
+    pub fn renew(
+        folder: &Path,
+        wanted: Manifest,
+        lightmap: &Lightmap,
+        good: impl Fn(&Manifest) -> bool,
+    ) -> Result<Self, DatasetError> {
+        let (lock, found) = Self::take(folder)?;
+        let manifest = match found.filter(|found| found.changes(&wanted).is_none() && good(found)) {
+            Some(found) => found,
+            None => {
+                let batches = (0..).map(|batch| batch_folder(folder, batch)).take_while(|folder| folder.exists());
+                for batch in batches.collect::<Vec<_>>() {
+                    std::fs::remove_dir_all(&batch).map_err(unwritable(&batch))?;
+                }
+                write_texels(&folder.join(TEXELS), lightmap)?;
+                wanted.write(folder)?;
+                wanted
+            }
+        };
+        Ok(Self { folder: folder.to_owned(), manifest, lock: Arc::new(lock) })
+    }
+
+    /// Takes a folder that is a dataset or empty, and reads its manifest.
+    fn take(folder: &Path) -> Result<(File, Option<Manifest>), DatasetError> {
         // What is there and is no dataset is left alone.
         let strange = |path: &Path| -> Option<String> {
             let name = path.file_name()?.to_str()?;
@@ -191,18 +231,12 @@ impl Store {
         std::fs::create_dir_all(folder).map_err(unwritable(folder))?;
         let lock = lock(folder)?;
         remove_half_written(folder);
-        let manifest = match Manifest::read(folder)? {
-            Some(found) => match found.changes(&wanted) {
-                Some(changes) => return Err(DatasetError::Stale { path: folder.to_owned(), changes }),
-                None => found,
-            },
-            None => {
-                write_texels(&folder.join(TEXELS), job.lightmap)?;
-                wanted.write(folder)?;
-                wanted
-            }
-        };
-        Ok(Self { folder: folder.to_owned(), manifest, lock: Arc::new(lock) })
+        Ok((lock, Manifest::read(folder)?))
+    }
+
+    /// The shards of `batches`.
+    pub fn into_shards(self, batches: Vec<Column>) -> Shards {
+        Shards { folder: self.folder, texels: self.manifest.texels, batches, _lock: self.lock }
     }
 
     /// Adds batches of at most `most` conditions for those that no batch has yet.
@@ -286,7 +320,17 @@ impl Store {
         baker: &Baker,
         progress: &dyn Progress,
     ) -> Result<Checked, DatasetError> {
-        let baked = baker.texels(self.manifest.tile_texels(tile), progress)?;
+        self.write_tile(batch, tile, part_of, baker.texels(self.manifest.tile_texels(tile), progress)?)
+    }
+
+    /// Writes a shard.
+    pub fn write_tile(
+        &self,
+        batch: usize,
+        tile: usize,
+        part_of: &str,
+        baked: BakedTexels,
+    ) -> Result<Checked, DatasetError> {
         let checked = Checked { noise: baked.noise.clone() };
         let bytes = shard::encode(baked, &self.expected(batch, tile, part_of));
         let path = shard_file(&self.folder, batch, tile);
@@ -295,7 +339,7 @@ impl Store {
     }
 
     /// Reads and checks every shard that a batch has. Those that are damaged are told, and count as not there.
-    fn check(&self, batch: usize, progress: &dyn Progress) -> Result<Vec<Option<Checked>>, DatasetError> {
+    pub fn check(&self, batch: usize, progress: &dyn Progress) -> Result<Vec<Option<Checked>>, DatasetError> {
         let folder = batch_folder(&self.folder, batch);
         if !folder.exists() {
             return Ok(vec![None; self.manifest.tiles()]);
@@ -321,12 +365,18 @@ impl Store {
             job.tracer,
             &LightTable::from_conditions(conditions, &EmissionFacets::of(job.tracer.asset())),
         );
-        let path = batch_folder(&self.folder, batch).join(DIRECT);
-        if !path.exists() {
-            let shape = vec![job.points.points.len(), 3, conditions.len()];
-            write_tensors(&path, &[("direct", Dtype::F32, shape, bytemuck::cast_slice(&direct))])?;
-        }
+        self.write_direct(batch, &direct)?;
         Ok(direct)
+    }
+
+    /// Writes D of a batch, unless it is there.
+    pub fn write_direct(&self, batch: usize, direct: &[f32]) -> Result<(), DatasetError> {
+        let path = batch_folder(&self.folder, batch).join(DIRECT);
+        if path.exists() {
+            return Ok(());
+        }
+        let shape = vec![self.manifest.points, 3, self.manifest.batches[batch].conditions.len()];
+        write_tensors(&path, &[("direct", Dtype::F32, shape, bytemuck::cast_slice(direct))])
     }
 }
 
@@ -363,7 +413,7 @@ fn write_texels(path: &Path, lightmap: &Lightmap) -> Result<(), DatasetError> {
     )
 }
 
-fn write_tensors(path: &Path, tensors: &[(&str, Dtype, Vec<usize>, &[u8])]) -> Result<(), DatasetError> {
+pub(super) fn write_tensors(path: &Path, tensors: &[(&str, Dtype, Vec<usize>, &[u8])]) -> Result<(), DatasetError> {
     let views = tensors.iter().map(|(name, dtype, shape, bytes)| {
         (*name, TensorView::new(*dtype, shape.clone(), bytes).expect("our own shapes"))
     });

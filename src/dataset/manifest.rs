@@ -160,7 +160,8 @@ pub fn identity(settings: Identity, asset: &str, lightmap: &Lightmap, points: &M
     all
 }
 
-fn points_hash(points: &MeasurementPoints) -> String {
+/// Names a set of points.
+pub(super) fn points_hash(points: &MeasurementPoints) -> String {
     let mut hasher = blake3::Hasher::new();
     for point in points.points.iter().chain(&points.sub_points) {
         for v in [point.position, point.normal, point.geometric_normal, point.albedo] {

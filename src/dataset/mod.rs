@@ -8,6 +8,7 @@ pub mod error;
 pub mod folder;
 pub mod manifest;
 pub mod memory;
+pub mod rendered;
 mod shard;
 
 use std::ops::Range;
@@ -18,6 +19,7 @@ pub use error::DatasetError;
 pub use folder::Job;
 pub use manifest::{Identity, identity};
 pub use memory::Bytes;
+pub use rendered::{Export, Reading, Rendered};
 
 use crate::light::LightingCondition;
 use crate::math::Rgb;

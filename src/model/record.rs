@@ -38,6 +38,6 @@ pub struct HeldOut {
     pub worst: f64,
     /// Mean error of the held-out lightmaps projected on the basis: what no transfer matrix can better.
     pub oracle_mean: f64,
-    /// Mean share of the error that is the path tracer's own noise in the held-out lightmaps.
-    pub noise: f64,
+    /// Mean share of the error that is the renderer's own noise in the held-out lightmaps, where it is known.
+    pub noise: Option<f64>,
 }

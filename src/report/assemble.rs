@@ -170,6 +170,8 @@ impl Inputs<'_> {
     fn facts(&self, own: &Scenery, bias: Option<Bias>) -> Vec<(String, String)> {
         let record = &self.model.record;
         let fact = |name: &str, value: String| (name.to_owned(), value);
+        let noise = |noise: f64| format!("{:.1} % (part of every error below)", 100.0 * noise);
+        let noise = record.held_out.noise.map_or("not known".into(), noise);
         vec![
             fact("triangles", self.model.asset.mesh.triangles.len().to_string()),
             fact("lightmap", format!("{0} x {0}, {1} texels", self.lightmap.size, self.lightmap.texels.len())),
@@ -183,7 +185,7 @@ impl Inputs<'_> {
             ),
             fact("conditions", format!("{} to train, {} held out", own.dataset.training, own.dataset.held_out().len())),
             fact("paths per texel", self.bake.paths.to_string()),
-            fact("noise of the bake", format!("{:.1} % (part of every error below)", 100.0 * record.held_out.noise)),
+            fact("noise of the lightmaps", noise),
             fact(
                 "integrator",
                 bias.map_or("path".into(), |b| {

@@ -24,6 +24,8 @@ pub enum SceneError {
     LightmapUvs { asset: String, set: &'static str, reason: String },
     #[error("{asset}: cannot be unwrapped: {reason}; give a larger lightmap size or a UV set of your own")]
     Unwrap { asset: String, reason: String },
+    #[error("{asset}: takes more than 4 GiB, which a .glb file cannot hold; give it smaller textures")]
+    TooLarge { asset: String },
 }
 
 /// Imports a .gltf, .glb or .obj asset, everything flattened to world space.

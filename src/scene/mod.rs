@@ -10,6 +10,7 @@ mod denoise;
 mod fill;
 pub mod finish;
 pub mod generate;
+mod glb;
 mod gltf;
 mod image_file;
 pub mod lightmap;
