@@ -157,10 +157,10 @@ struct Worst {
 impl Worst {
     fn add(&mut self, error: f64, what: &str) {
         self.fits += 1;
-        // Written so that NaN is bad, and the worst.
+        // Written so that NaN is bad; it also is the greatest.
         let fine = error <= 1.0;
         self.bad += usize::from(!fine);
-        if !(error <= self.error) {
+        if self.error.total_cmp(&error).is_lt() {
             (self.error, self.what) = (error, what.to_owned());
         }
     }
@@ -169,7 +169,7 @@ impl Worst {
         self.fits += other.fits;
         self.refused += other.refused;
         self.bad += other.bad;
-        if !(other.error <= self.error) {
+        if self.error.total_cmp(&other.error).is_lt() {
             (self.error, self.what) = (other.error, format!("{place}, {}", other.what));
         }
     }
