@@ -34,6 +34,9 @@ fn conditions_of(kind: Kind) -> usize {
     }
 }
 
+/// Conditions measured at once: every sub-point has a value for each.
+const AT_ONCE: usize = 64;
+
 /// Separates these conditions' random numbers from those of the dataset.
 const STREAM: u64 = 0x636f_6e74_7261_7374;
 
@@ -60,7 +63,8 @@ impl Contrast {
             (0..n).map(|c| direct.chunks_exact(3 * n).map(|row| value(row, c)).collect()).collect::<Vec<DirectVector>>()
         };
         let of = |scenario: &Scenario, count: usize| -> Result<Vec<DirectVector>, ScenarioError> {
-            Ok(measured(&Draw { scenario, training: count, held_out: 0 }.conditions(tracer, seed)?))
+            let conditions = Draw { scenario, training: count, held_out: 0 }.conditions(tracer, seed)?;
+            Ok(conditions.chunks(AT_ONCE).flat_map(measured).collect())
         };
         let own = of(scenario, OWN)?;
         let mut others = Vec::new();

@@ -1,8 +1,5 @@
 //! A local basis: each texel stores n channels b(t), and takes its coefficients from its anchors (METHOD eq. 10),
-//!
-//!     i(t) = b(t) · Σₖ φₖ(t) Mₖ x
-//!
-//! so that n channels do the work of many global elements: between anchors the frames turn with the place. Fitted by
+//! i(t) = b(t) · Σₖ φₖ(t) Mₖ x, so that n channels do the work of many global elements: between anchors the frames turn with the place. Fitted by
 //! alternating least squares to the terms F of a global basis, F(t) ≈ b(t) · Σₖ φₖ(t) Wₖ with Wₖ of n × terms: given the frames
 //! W each texel's b is a problem of n unknowns, given all b the frames are one of K n.
 //!

@@ -69,7 +69,9 @@ pub fn bytes_needed(extent: &Extent) -> u64 {
             texels * components * terms * 4 + values + matrices + tile.max(normal).max(finished)
         }
     };
-    gram + making.max(fit).max(basis)
+    // The model's basis and the fit stay while its scope is found.
+    let scope = halves + 2 * 8 * vectors * terms + scope::bytes_needed(points);
+    gram + making.max(fit).max(basis).max(scope)
 }
 
 #[derive(Debug, thiserror::Error)]

@@ -18,7 +18,7 @@ use crate::model::{Scope, Separation};
 const COMPONENTS: usize = 64;
 
 /// Vectors that the components are found from.
-const SAMPLED: usize = 512;
+const SAMPLED: usize = 256;
 
 /// Weight of the ridge, in units of vectors.
 const RIDGE: f64 = 1.0;
@@ -31,6 +31,13 @@ const STEPS: usize = 20;
 
 /// Share of the held-out lights that reads more than one half.
 const FALSE_ALARMS: f64 = 0.05;
+
+/// Bytes that a fit takes at most beside what it is given: the components' Gram matrix with its eigenvectors, their copies and
+/// the solver's own, and the vectors with their features.
+pub(super) fn bytes_needed(points: u64) -> u64 {
+    let (samples, vectors) = (SAMPLED as u64, 4_000);
+    5 * 8 * samples * samples + vectors * (points * (12 + 8) + 8 * (COMPONENTS as u64 + 1))
+}
 
 /// Fits a scope. `None` where there is nothing to tell apart.
 ///
