@@ -28,6 +28,8 @@ const PALETTE: [RGBColor; 8] = [
 
 const SIZE: (u32, u32) = (760, 460);
 const TEXT: u32 = 20;
+/// Height of a line of the legend, which stands under the plot in two columns and covers nothing.
+const LEGEND_LINE: u32 = 28;
 
 /// A plot of `series` with a logarithmic x axis; y logarithmic, too, if `log_y`. Labels name the axes with their units.
 pub fn line_plot(x_label: &str, y_label: &str, log_y: bool, percent: bool, series: &[Series]) -> String {
@@ -42,14 +44,17 @@ pub fn line_plot(x_label: &str, y_label: &str, log_y: bool, percent: bool, serie
         return svg;
     };
     {
-        let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+        // One line needs no legend: the axis says what it is.
+        let lines = if series.len() > 1 { series.len().div_ceil(2) as u32 } else { 0 };
+        let root = SVGBackend::with_string(&mut svg, (SIZE.0, SIZE.1 + lines * LEGEND_LINE)).into_drawing_area();
+        let (root, below) = root.split_vertically(SIZE.1);
         // The backend writes to memory, which does not fail.
         let x = x.start / 1.12..x.end * 1.12;
         let drawn = if log_y {
             draw(
                 &root,
                 x.log_scale(),
-                (labelled(y.start / LEGEND_ROOM)..y.end * 1.3).log_scale(),
+                (labelled(y.start / 1.3)..y.end * 1.3).log_scale(),
                 x_label,
                 y_label,
                 percent,
@@ -58,14 +63,12 @@ pub fn line_plot(x_label: &str, y_label: &str, log_y: bool, percent: bool, serie
         } else {
             draw(&root, x.log_scale(), 0.0..y.end * 1.08, x_label, y_label, percent, series)
         };
+        let drawn = drawn.and_then(|()| if lines > 0 { draw_legend(&below, series) } else { Ok(()) });
         drawn.and_then(|()| root.present().map_err(|e| e.to_string())).expect("plotting to memory");
     }
     // Scales with the page, and takes its text from the page's fonts.
     svg.replacen("<svg ", "<svg class=\"plot\" ", 1)
 }
-
-/// How far a logarithmic axis goes on below the lowest value, so that the legend covers no line.
-const LEGEND_ROOM: f64 = 4.0;
 
 /// A lower end of a logarithmic axis that reaches down to a decade where one is near, so that it is labelled.
 fn labelled(low: f64) -> f64 {
@@ -98,6 +101,7 @@ where
         .map_err(error)?;
     chart
         .configure_mesh()
+        .y_labels(6)
         .x_desc(x_label)
         .y_desc(y_label)
         .axis_desc_style(("sans-serif", TEXT))
@@ -112,31 +116,41 @@ where
         let colour = PALETTE[s.colour % PALETTE.len()];
         let style = ShapeStyle::from(colour).stroke_width(if s.dashed { 1 } else { 2 });
         if s.dashed {
-            let line = DashedLineSeries::new(s.points.iter().copied(), 6, 4, style);
-            chart.draw_series(line).map_err(error)?.label(&s.label).legend(move |(x, y)| {
-                // A legend takes one element: the middle dash of a short line.
-                PathElement::new(vec![(x + 6, y), (x + 14, y)], style)
-            });
+            chart.draw_series(DashedLineSeries::new(s.points.iter().copied(), DASH, GAP, style)).map_err(error)?;
         } else {
-            let line = LineSeries::new(s.points.iter().copied(), style);
-            chart
-                .draw_series(line)
-                .map_err(error)?
-                .label(&s.label)
-                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 20, y)], style));
+            chart.draw_series(LineSeries::new(s.points.iter().copied(), style)).map_err(error)?;
             if s.points.len() < 24 {
                 chart.draw_series(s.points.iter().map(|&p| Circle::new(p, 3, colour.filled()))).map_err(error)?;
             }
         }
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::LowerLeft)
-        .background_style(WHITE.mix(0.85))
-        .border_style(BLACK.mix(0.2))
-        .label_font(("sans-serif", TEXT - 3))
-        .draw()
-        .map_err(error)
+    Ok(())
+}
+
+/// Pixels of dashes and of what is between them.
+const DASH: i32 = 6;
+const GAP: i32 = 4;
+
+/// A short line and the label of each series, column by column.
+fn draw_legend(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, series: &[Series]) -> Result<(), String> {
+    let error = |e: DrawingAreaErrorKind<std::io::Error>| e.to_string();
+    area.fill(&WHITE).map_err(error)?;
+    let lines = series.len().div_ceil(2);
+    for (k, s) in series.iter().enumerate() {
+        let style = ShapeStyle::from(PALETTE[s.colour % PALETTE.len()]).stroke_width(if s.dashed { 1 } else { 2 });
+        let x = 40 + (k / lines) as i32 * (SIZE.0 as i32 - 40) / 2;
+        let y = (k % lines) as i32 * LEGEND_LINE as i32 + LEGEND_LINE as i32 / 2;
+        let parts: &[(i32, i32)] = if s.dashed { &[(0, 6), (10, 16), (20, 26)] } else { &[(0, 26)] };
+        for (from, to) in parts {
+            area.draw(&PathElement::new(vec![(x + from, y), (x + to, y)], style)).map_err(error)?;
+        }
+        if !s.dashed {
+            area.draw(&Circle::new((x + 13, y), 3, style.filled())).map_err(error)?;
+        }
+        let label = Text::new(s.label.clone(), (x + 36, y - TEXT as i32 / 2 + 2), ("sans-serif", TEXT - 3));
+        area.draw(&label).map_err(error)?;
+    }
+    Ok(())
 }
 
 /// As few digits as tell values apart.
