@@ -1,6 +1,6 @@
 //! Whether a fit ever blows up: every scene, kind of light, seed, number of conditions and number of points. Prints for each
-//! scene and kind the worst fit of this program's own methods, and beside it that of the paper's baseline as published; exit
-//! status 1 if a mean error of an own method is over 100 % or not a number.
+//! scene and kind the worst fit of `linear`, and beside it that of the paper's baseline as published; exit status 1 if a mean
+//! error of `linear` is over 100 % or not a number.
 //!
 //!     cargo bench --bench robustness [-- SCENE ...] [--seeds 10]
 //!

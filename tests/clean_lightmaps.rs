@@ -65,9 +65,8 @@ const WALL_X: f32 = 2.033;
 
 const LAMP: Vec3 = Vec3::new(1.0, 1.3, 0.9);
 
-/// A box of 4 m × 2 m × 2 m whose floor, ceiling and long walls run on behind a wall across it at x = [`WALL_X`]; a wall
-/// without thickness is one two-sided sheet.
-fn two_rooms(thickness: f32) -> Asset {
+/// The inside of a box of 4 m × 2 m × 2 m.
+fn empty_room() -> Quads {
     let (x, y, z) = (4.0 * Vec3::X, 2.0 * Vec3::Y, 2.0 * Vec3::Z);
     let mut quads = Quads::default();
     quads.quad(Vec3::ZERO, z, x);
@@ -76,6 +75,13 @@ fn two_rooms(thickness: f32) -> Asset {
     quads.quad(Vec3::new(0.0, 0.0, 2.0), y, x);
     quads.quad(Vec3::ZERO, y, z);
     quads.quad(Vec3::new(4.0, 0.0, 0.0), z, y);
+    quads
+}
+
+/// The [`empty_room`], whose floor, ceiling and long walls run on behind a wall across it at x = [`WALL_X`]; a wall
+/// without thickness is one two-sided sheet.
+fn two_rooms(thickness: f32) -> Asset {
+    let (mut quads, y, z) = (empty_room(), 2.0 * Vec3::Y, 2.0 * Vec3::Z);
     quads.quad(Vec3::new(WALL_X - 0.5 * thickness, 0.0, 0.0), z, y);
     if thickness > 0.0 {
         quads.quad(Vec3::new(WALL_X + 0.5 * thickness, 0.0, 0.0), y, z);
@@ -261,15 +267,9 @@ fn charts_end_at_thin_walls() {
 #[test]
 fn charts_end_at_walls_that_end_in_a_room() {
     for (thickness, n) in [(0.04, 1), (0.04, 7), (0.2, 1), (0.2, 7)] {
-        let (x, y, z) = (4.0 * Vec3::X, 2.0 * Vec3::Y, 2.0 * Vec3::Z);
+        let y = 2.0 * Vec3::Y;
         let (low, high, end) = (WALL_X - 0.5 * thickness, WALL_X + 0.5 * thickness, 1.2);
-        let mut quads = Quads::default();
-        quads.quad(Vec3::ZERO, z, x);
-        quads.quad(Vec3::new(0.0, 2.0, 0.0), x, z);
-        quads.quad(Vec3::ZERO, x, y);
-        quads.quad(Vec3::new(0.0, 0.0, 2.0), y, x);
-        quads.quad(Vec3::ZERO, y, z);
-        quads.quad(Vec3::new(4.0, 0.0, 0.0), z, y);
+        let mut quads = empty_room();
         quads.quad(Vec3::new(low, 0.0, 0.0), end * Vec3::Z, y);
         quads.quad(Vec3::new(high, 0.0, 0.0), y, end * Vec3::Z);
         quads.quad(Vec3::new(low, 0.0, end), (high - low) * Vec3::X, y);

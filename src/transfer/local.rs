@@ -1,7 +1,7 @@
 //! A local basis: each texel stores n channels b(t), and takes its coefficients from its anchors (METHOD eq. 10),
-//! i(t) = b(t) · Σₖ φₖ(t) Mₖ x, so that n channels do the work of many global elements: between anchors the frames turn with the place. Fitted by
-//! alternating least squares to the terms F of a global basis, F(t) ≈ b(t) · Σₖ φₖ(t) Wₖ with Wₖ of n × terms: given the frames
-//! W each texel's b is a problem of n unknowns, given all b the frames are one of K n.
+//! i(t) = b(t) · Σₖ φₖ(t) Mₖ x, so that n channels do the work of many global elements: between anchors the frames turn with
+//! the place. Fitted by alternating least squares to the terms F of a global basis, F(t) ≈ b(t) · Σₖ φₖ(t) Wₖ with Wₖ of
+//! n × terms: given the frames W each texel's b is a problem of n unknowns, given all b the frames are one of K n.
 //!
 //! The terms are those that the direct light tells apart: principal components of the lightmaps that the global transfer
 //! predicts for the training conditions. What x cannot tell is no use to be able to show.
