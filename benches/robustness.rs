@@ -1,21 +1,25 @@
 //! Whether a fit ever blows up: every scene, kind of light, seed, number of conditions and number of points. Prints for each
-//! scene and kind the worst fit of `linear`, and beside it that of the paper's baseline as published; exit status 1 if a mean
-//! error of `linear` is over 100 % or not a number.
+//! scene and kind the worst fit of each method; exit status 1 if a mean error of `linear` or `local` is over 100 % or not a
+//! number. The paper's baseline as published stands beside them.
 //!
-//!     cargo bench --bench robustness [-- SCENE ...] [--seeds 10]
+//!     cargo bench --bench robustness [-- SCENE ... KIND ...] [--seeds 10]
 //!
 //! Lightmaps are small and baked with few paths: it is the fit that is tried, with more noise than it is ever given. All seeds
 //! are tried with up to 256 conditions; the first with 1,024, too, mono.
 
 use std::process::ExitCode;
 
+use glam::Vec3;
 use relight::dataset::{Dataset, Draw, Indirect};
-use relight::light::{KindWeights, Scenario, ScenarioError};
+use relight::light::{Kind, KindWeights, Scenario, ScenarioError};
 use relight::measure::MeasurementPoints;
 use relight::model::Channels;
 use relight::progress::Silent;
 use relight::scene::{Lightmap, Tracer, UvPolicy, generate, lay_out};
-use relight::transfer::{Fit, Gram, HeldOutErrors, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings, TransferError};
+use relight::transfer::{
+    Fit, Gram, HeldOutErrors, Lambda, LocalFit, Method, PUBLISHED_LAMBDA, Precision, Terms, TrainSettings,
+    TransferError,
+};
 use relight::transport::{BakeSettings, Integrator, bake};
 
 /// Scenes, and sides of their lightmaps.
@@ -25,29 +29,39 @@ const CONDITIONS: [usize; 5] = [16, 32, 64, 256, 1024];
 const ALL_SEEDS: usize = 256;
 const HELD_OUT: usize = 64;
 const POINTS: [usize; 4] = [16, 64, 256, 1024];
-const ELEMENTS: usize = 16;
+/// The methods, with their λ and basis elements or channels a texel.
+const METHODS: [(Method, Lambda, usize); 3] = [
+    (Method::Linear, Lambda::LeaveOneOut, 16),
+    (Method::Local, Lambda::LeaveOneOut, 4),
+    (Method::Belcour, PUBLISHED_LAMBDA, 16),
+];
+/// Of `local`: as many texels an anchor as a lightmap of 128² has with the default.
+const ANCHORS: usize = 16;
 const PATHS: u32 = 16;
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
     let seeds =
         arguments.iter().position(|a| a == "--seeds").map_or(10, |i| arguments[i + 1].parse().expect("a number"));
-    let wanted = |scene: &str| {
-        SCENES.iter().all(|(s, _)| !arguments.iter().any(|a| a == s)) || arguments.iter().any(|a| a == scene)
+    // Names of scenes and of kinds of light; of each, all where none is named.
+    let chosen = |name: &str, all: &[&str]| {
+        !all.iter().any(|other| arguments.iter().any(|a| a == other)) || arguments.iter().any(|a| a == name)
     };
-    let (mut worst, mut worst_published) = (Worst::default(), Worst::default());
-    for (scene, size) in SCENES.into_iter().filter(|(scene, _)| wanted(scene)) {
+    let kinds: Vec<Kind> = KindWeights::default().all().into_iter().map(|(kind, _)| kind).collect();
+    let kind_names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
+    let mut worst: [Worst; METHODS.len()] = Default::default();
+    for (scene, size) in SCENES.into_iter().filter(|(scene, _)| chosen(scene, &SCENES.map(|(name, _)| name))) {
         let mut asset = generate(scene).expect("a scene of our own");
         lay_out(&mut asset, size, UvPolicy::Auto).expect("it unwraps");
         let tracer = Tracer::new(&asset);
         let lightmap = Lightmap::open(&tracer, size as usize);
-        for (kind, _) in KindWeights::default().all() {
+        for &kind in kinds.iter().filter(|kind| chosen(kind.name(), &kind_names)) {
             let scenario = Scenario { kinds: KindWeights::only(kind), ..Scenario::default() };
-            let (mut here, mut published) = (Worst::default(), Worst::default());
+            let mut here: [Worst; METHODS.len()] = Default::default();
             for seed in 0..seeds {
                 let training = if seed == 0 { CONDITIONS[CONDITIONS.len() - 1] } else { ALL_SEEDS };
                 match Case::new(&tracer, &lightmap, &scenario, training, seed) {
-                    Ok(case) => case.fits(&mut here, &mut published),
+                    Ok(case) => case.fits(&mut here),
                     // Environments need images, and nothing of these scenes emits but what the Cornell box does.
                     Err(
                         ScenarioError::Environment(_) | ScenarioError::Setting { .. } | ScenarioError::NothingEmits,
@@ -55,21 +69,27 @@ fn main() -> ExitCode {
                     Err(error) => println!("{scene} {}: {error}", kind.name()),
                 }
             }
-            if here.fits > 0 {
-                println!("{scene:>9} {:<12} {}", kind.name(), here.line());
-                println!("{:>9} {:<12} {}", "", "as published", published.line());
+            for ((here, worst), (method, ..)) in here.into_iter().zip(&mut worst).zip(METHODS) {
+                if here.fits > 0 {
+                    println!("{scene:>9} {:<12} {:<8} {}", kind.name(), method.name(), here.line());
+                }
+                worst.merge(here, &format!("{scene} {}", kind.name()));
             }
-            worst.merge(here, &format!("{scene} {}", kind.name()));
-            worst_published.merge(published, &format!("{scene} {}", kind.name()));
         }
     }
-    println!("\nworst of all: {}\nas published: {}", worst.line(), worst_published.line());
-    if worst.bad == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+    println!("\nworst of all");
+    for (worst, (method, ..)) in worst.iter().zip(METHODS) {
+        println!("{:<8} {}", method.name(), worst.line());
+    }
+    let own = worst.iter().zip(METHODS).filter(|(_, (method, ..))| *method != Method::Belcour);
+    if own.map(|(worst, _)| worst.bad).sum::<usize>() == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
 /// A bake that many fits are made from.
 struct Case<'a> {
     tracer: &'a Tracer<'a>,
+    /// Position and normal of each texel.
+    spots: Vec<(Vec3, Vec3)>,
     dataset: Dataset,
     seed: u64,
 }
@@ -93,11 +113,12 @@ impl<'a> Case<'a> {
             noise: baked.noise,
             conditions,
         };
-        Ok(Self { tracer, dataset, seed })
+        let spots = lightmap.spots(&tracer.asset().mesh).into_iter().map(|spot| (spot.centre, spot.normal)).collect();
+        Ok(Self { tracer, spots, dataset, seed })
     }
 
     /// Fits every method from every number of conditions and points.
-    fn fits(&self, own: &mut Worst, published: &mut Worst) {
+    fn fits(&self, worst: &mut [Worst; METHODS.len()]) {
         let all = &self.dataset;
         for training in CONDITIONS.into_iter().filter(|&n| n <= all.training) {
             let mut dataset = self.part(training);
@@ -108,14 +129,13 @@ impl<'a> Case<'a> {
                 let emission = relight::light::EmissionFacets::of(self.tracer.asset());
                 let table = relight::light::LightTable::from_conditions(&dataset.conditions, &emission);
                 dataset.direct = placed.direct_matrix(self.tracer, &table);
-                for (method, lambda) in [(Method::Linear, Lambda::LeaveOneOut), (Method::Belcour, PUBLISHED_LAMBDA)] {
-                    let worst = if method == Method::Belcour { &mut *published } else { &mut *own };
+                for ((method, lambda, elements), worst) in METHODS.into_iter().zip(worst.iter_mut()) {
                     let all_channels = [Channels::Mono, Channels::Multi];
                     for &channels in &all_channels[..if training > ALL_SEEDS { 1 } else { 2 }] {
-                        let settings = TrainSettings { method, channels, elements: ELEMENTS, lambda };
-                        let what = format!("{method:?} {channels:?}, N {training}, P {points}, seed {}", self.seed);
-                        match Fit::train(&dataset, &gram, settings) {
-                            Ok(fit) => worst.add(HeldOutErrors::of(&fit, &dataset, &gram).summary().mean, &what),
+                        let settings = TrainSettings { method, channels, elements, lambda };
+                        let what = format!("{channels:?}, N {training}, P {points}, seed {}", self.seed);
+                        match self.error(&dataset, &gram, settings) {
+                            Ok(error) => worst.add(error, &what),
                             // Refused, with the reason: no blow-up.
                             Err(TransferError::TooFewConditions { .. }) => worst.refused += 1,
                             Err(error) => worst.add(f64::NAN, &format!("{what}: {error}")),
@@ -124,6 +144,19 @@ impl<'a> Case<'a> {
                 }
             }
         }
+    }
+
+    /// Mean held-out error of one fit.
+    fn error(&self, dataset: &Dataset, gram: &Gram, settings: TrainSettings) -> Result<f64, TransferError> {
+        let fit = Fit::train(dataset, gram, settings)?;
+        let errors = if settings.method == Method::Local {
+            let terms = Terms::new(&fit, dataset, &self.spots, ANCHORS, &Silent)?;
+            let local = LocalFit::train(&terms, settings.elements, Precision::Byte);
+            HeldOutErrors::of_local(&local, &terms, settings.channels, dataset, gram, &Silent)?
+        } else {
+            HeldOutErrors::of(&fit, dataset, gram)
+        };
+        Ok(errors.summary().mean)
     }
 
     /// The first `training` conditions, and those held out.
