@@ -160,7 +160,7 @@ pub struct TrainSettings {
 
 impl Default for TrainSettings {
     fn default() -> Self {
-        Self { method: Method::Linear, basis: None, channels: Channels::Mono, lambda: None, anchors: 128, bits: 8 }
+        Self { method: Method::Local, basis: None, channels: Channels::Mono, lambda: None, anchors: 128, bits: 8 }
     }
 }
 

@@ -184,7 +184,7 @@ fn check_train_figures(figures: &Value) {
     }
     // Held-out conditions that light nothing have no relative error and do not count.
     assert!((1.0..=8.0).contains(&number(&figures["held_out"])), "{figures}");
-    assert_eq!(figures["method"], "linear");
+    assert_eq!(figures["method"], "local");
     // Fractions: a toy is bad, but never a hundred times the light.
     let error = |key: &str| number(&figures["error"][key]);
     assert!(0.0 < error("oracle_mean") && error("oracle_mean") <= error("mean") && error("worst") < 10.0, "{figures}");
@@ -303,7 +303,7 @@ fn compare_writes_its_report() {
     assert_eq!(csv.lines().count(), rows.len() + 1);
     // What the model was trained to is what comes out again.
     work.succeeds("info model.relight --json info.json", &[]);
-    let own = rows.iter().find(|r| r["method"] == "linear" && r["coefficients"] == 4 && r["scenario"] == "as trained");
+    let own = rows.iter().find(|r| r["method"] == "local" && r["coefficients"] == 4 && r["scenario"] == "as trained");
     assert_eq!(own.unwrap()["mean"], work.json("info.json")["held-out error"]["mean"]);
     let images: Vec<_> = files.iter().filter(|f| f.starts_with("report/images/")).collect();
     assert!(images.len() >= 20, "{images:?}");
@@ -442,7 +442,8 @@ fn bad_settings_are_said_in_one_line() {
     refused("--lambda NaN", "train.lambda = NaN must be finite");
     refused("--lambda=-1", "train.lambda = -1 must be finite and not negative");
     refused("--points 60000 --sub-points 200 --size 16", "points of 200 sub-points");
-    let basis = "--size 16 --conditions 24 --held-out 8 --paths 4 --points 16 --basis 80";
+    refused("--basis 80", "train.basis = 80 channels a texel; `local` has 1 to 16");
+    let basis = "--method linear --size 16 --conditions 24 --held-out 8 --paths 4 --points 16 --basis 80";
     refused(basis, "80 basis elements need at least 80");
     assert!(work.files().is_empty());
 }

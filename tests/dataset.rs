@@ -129,8 +129,7 @@ fn a_folder_holds_what_memory_holds_to_its_stated_rounding() {
 struct Work(tempfile::TempDir);
 
 /// A toy whose bake takes about a second.
-const TOY: &str =
-    "train --threads 2 --size 128 --integrator path --conditions 24 --held-out 240 --paths 16 --points 16 --basis 4";
+const TOY: &str = "train --method linear --threads 2 --size 128 --integrator path --conditions 24 --held-out 240 --paths 16 --points 16 --basis 4";
 
 impl Work {
     fn new() -> Self {
@@ -346,7 +345,8 @@ fn a_full_disk_is_one_error_and_what_was_baked_is_kept() {
 #[cfg(target_os = "linux")]
 fn the_ceiling_of_memory_is_kept_and_changes_nothing() {
     let work = Work::new();
-    let job = "train --size 256 --conditions 96 --held-out 32 --paths 1 --points 32 --basis 8 --threads 2";
+    let job =
+        "train --method linear --size 256 --conditions 96 --held-out 32 --paths 1 --points 32 --basis 8 --threads 2";
     let peak = |words: &str| {
         work.succeeds(&format!("{words} --json figures.json"));
         let figures: serde_json::Value = serde_json::from_slice(&work.bytes("figures.json")).unwrap();

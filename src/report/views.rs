@@ -85,11 +85,12 @@ impl Inputs<'_> {
         Ok((plates, views))
     }
 
-    /// The paper's baseline with as many elements as the model.
+    /// The paper's baseline with as many elements as the model; with the paper's 16 beside a local one.
     fn baseline(&self, own: &Scenery, progress: &dyn Progress) -> Result<(Basis, Transfer), ReportError> {
         let fit = self.fit.settings;
         let lambda = self.lambda.map_or(PUBLISHED_LAMBDA, Lambda::Relative);
-        let settings = TrainSettings { method: Method::Belcour, lambda, ..fit };
+        let elements = if fit.method == Method::Local { 16 } else { fit.elements };
+        let settings = TrainSettings { method: Method::Belcour, lambda, elements, ..fit };
         let (values, transfer) = Fit::train(own.dataset, own.gram, settings)?.expand(own.dataset, progress)?;
         Ok((Basis::from_texels(self.finish, transfer.elements, &values), transfer))
     }
@@ -161,7 +162,7 @@ impl Inputs<'_> {
             ],
             vec![
                 dim(&reference.indirect, "reference, indirect".into()),
-                dim(&published, format!("Belcour 2022, {n} elements: {}", flips(1))),
+                dim(&published, format!("Belcour 2022, {} elements: {}", baseline_transfer.elements, flips(1))),
                 error(&published),
                 dim(&by_texel, format!("SH PRT per texel, {prt}: {}", flips(2))),
                 dim(&by_vertex, format!("SH PRT per vertex, {prt}: {}", flips(3))),
