@@ -89,7 +89,8 @@ impl Inputs<'_> {
     fn baseline(&self, own: &Scenery, progress: &dyn Progress) -> Result<(Basis, Transfer), ReportError> {
         let fit = self.fit.settings;
         let lambda = self.lambda.map_or(PUBLISHED_LAMBDA, Lambda::Relative);
-        let elements = if fit.method == Method::Local { 16 } else { fit.elements };
+        let kept = own.dataset.training - self.fit.dropped;
+        let elements = if fit.method == Method::Local { kept.min(16) } else { fit.elements };
         let settings = TrainSettings { method: Method::Belcour, lambda, elements, ..fit };
         let (values, transfer) = Fit::train(own.dataset, own.gram, settings)?.expand(own.dataset, progress)?;
         Ok((Basis::from_texels(self.finish, transfer.elements, &values), transfer))
