@@ -7,8 +7,9 @@ use glam::Vec3;
 
 use crate::dataset::{Contrast, Dataset, Draw, Job, Reading, identity};
 use crate::light::LightingCondition;
+use crate::math::Rgb;
 use crate::measure::MeasurementPoints;
-use crate::model::{Basis, HeldOut, Model, Scope, TrainingRecord, Transfer};
+use crate::model::{Basis, HeldOut, Model, Scope, TrainingRecord, Transfer, negative_shares};
 use crate::progress::Progress;
 use crate::scene::{Asset, Finish, Lightmap, Tracer, lay_out};
 use crate::scene_file::SceneFile;
@@ -165,7 +166,8 @@ impl Prepared {
                 (Basis::from_texels(&finish, transfer.elements, &values), transfer, errors)
             }
         };
-        let (record, scope) = self.record(&tracer, &points, &dataset, &fit, &errors)?;
+        let negative = self.negative(&basis, &transfer, &dataset);
+        let (record, scope) = self.record(&tracer, &points, &dataset, &fit, &errors, negative)?;
         let model = Model { asset: self.asset.clone(), points, basis, transfer, scope, record };
         let train_seconds = start.elapsed().as_secs_f64();
         let paths = place.rendered.as_ref().map_or(self.scene.bake.paths, |r| r.samples().unwrap_or(0));
@@ -194,6 +196,14 @@ impl Prepared {
         self.lightmap.spots(&self.asset.mesh).into_iter().map(|spot| (spot.centre, spot.normal)).collect()
     }
 
+    /// Mean share of negative light under the held-out conditions.
+    fn negative(&self, basis: &Basis, transfer: &Transfer, dataset: &Dataset) -> f64 {
+        let texels: Vec<(usize, f32)> = self.lightmap.texels.iter().map(|t| (t.index as usize, t.area)).collect();
+        let held_out: Vec<Vec<Rgb>> = dataset.held_out().map(|h| dataset.direct(h)).collect();
+        let shares = negative_shares(basis, transfer, &texels, &held_out);
+        shares.iter().sum::<f64>() / shares.len().max(1) as f64
+    }
+
     /// How the model was trained and how good it is, and how it tells what light it was trained on.
     fn record(
         &self,
@@ -202,6 +212,7 @@ impl Prepared {
         dataset: &Dataset,
         fit: &Fit,
         errors: &HeldOutErrors,
+        negative: f64,
     ) -> Result<(TrainingRecord, Option<Scope>), Failure> {
         let summary = errors.summary();
         let noise = &dataset.noise[dataset.held_out()];
@@ -224,6 +235,7 @@ impl Prepared {
                 worst: summary.worst,
                 oracle_mean: summary.oracle_mean,
                 noise: noise.is_finite().then_some(noise),
+                negative,
             },
             separation: separation.unwrap_or_default(),
         };

@@ -99,6 +99,7 @@ pub fn figures(trained: &Trained, model_bytes: u64, total_seconds: f64) -> serde
             "worst": held_out.worst,
             "oracle_mean": held_out.oracle_mean,
             "noise": held_out.noise,
+            "negative": held_out.negative,
             "each": trained.errors.transfer,
         },
         "separation": record.separation,
@@ -139,6 +140,7 @@ pub fn print_summary(trained: &Trained, output: &Path, bytes: u64) {
         percent(held_out.oracle_mean),
         held_out.noise.map_or("not known".to_owned(), percent)
     );
+    println!("  negative light, clamped when shown: {} of the norm", percent(held_out.negative));
     if let Some(weakest) = record.separation.iter().min_by(|a, b| a.auc.total_cmp(&b.auc)) {
         let kinds: Vec<&str> = record.separation.iter().map(|s| s.kind.as_str()).collect();
         println!(

@@ -121,7 +121,7 @@ impl Basis {
         LightmapImage { size: self.size, values }
     }
 
-    fn at(&self, texel: usize, coefficients: &[Rgb]) -> Rgb {
+    pub(super) fn at(&self, texel: usize, coefficients: &[Rgb]) -> Rgb {
         let (anchors, scale) = match &self.anchors {
             Some(anchors) => (anchors.of(texel), anchors.scale(texel)),
             None => ([(0, 1.0), (0, 0.0), (0, 0.0), (0, 0.0)], 1.0),

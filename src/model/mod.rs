@@ -2,6 +2,7 @@
 
 pub mod basis;
 pub mod file;
+pub mod negative;
 pub mod picture;
 pub mod record;
 pub mod render;
@@ -10,6 +11,7 @@ pub mod view;
 
 pub use basis::{Anchors, Basis, LightmapImage, Values};
 pub use file::ModelFileError;
+pub use negative::negative_shares;
 pub use picture::{Picture, PictureError};
 pub use record::{HeldOut, Separation, TrainingRecord};
 pub use scope::{Reading, Scope};

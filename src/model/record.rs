@@ -40,4 +40,6 @@ pub struct HeldOut {
     pub oracle_mean: f64,
     /// Mean share of the error that is the renderer's own noise in the held-out lightmaps, where it is known.
     pub noise: Option<f64>,
+    /// Mean share of the relit lightmaps' norm that is negative light, which is clamped when it is shown.
+    pub negative: f64,
 }

@@ -197,7 +197,15 @@ pub fn model(channels: Channels, elements: usize, mean_scaled_by_norm: bool) -> 
             conditions: 0,
             dropped: 0,
             lambda: 0.0,
-            held_out: HeldOut { conditions: 0, mean: 0.0, median: 0.0, worst: 0.0, oracle_mean: 0.0, noise: None },
+            held_out: HeldOut {
+                conditions: 0,
+                mean: 0.0,
+                median: 0.0,
+                worst: 0.0,
+                oracle_mean: 0.0,
+                noise: None,
+                negative: 0.0,
+            },
             separation: Vec::new(),
         },
     }
