@@ -56,7 +56,8 @@ pub struct AssetSettings {
 }
 
 /// Which reflection model is used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum MaterialPolicy {
     /// As the file says: metallic-roughness for glTF.

@@ -6,26 +6,36 @@
 
 pub mod area;
 pub mod condition;
+#[cfg(feature = "train")]
 pub mod draw;
 pub mod emitters;
 pub mod environment;
 pub mod facets;
 pub mod gather;
 pub mod image;
+#[cfg(feature = "train")]
 pub mod sampled;
+#[cfg(feature = "train")]
 pub mod scenario;
+#[cfg(feature = "train")]
 pub mod set;
 pub mod sky;
 pub mod table;
 
 pub use condition::{Light, LightingCondition};
+#[cfg(feature = "train")]
 pub use draw::ScenarioSampler;
 pub use emitters::{EmissionFacets, Emitters};
 pub use environment::EnvironmentMap;
 pub use gather::{Arrived, LightGather};
-pub use image::{EnvironmentError, EnvironmentImage, EnvironmentImages};
+pub use image::EnvironmentImage;
+#[cfg(feature = "train")]
+pub use image::{EnvironmentError, EnvironmentImages};
+#[cfg(feature = "train")]
 pub use sampled::{Sampled, SampledGather};
+#[cfg(feature = "train")]
 pub use scenario::{Kind, KindWeights, Scenario, ScenarioError};
+#[cfg(feature = "train")]
 pub use set::LightSet;
 pub use sky::Sky;
 pub use table::{LightEntry, LightTable};

@@ -3,6 +3,7 @@
 pub mod colour;
 pub mod frame;
 pub mod quadrature;
+#[cfg(feature = "train")]
 pub mod sampler;
 pub mod sh;
 pub mod warp;
@@ -11,6 +12,7 @@ pub mod warp;
 pub const LANES: usize = 16;
 
 pub use frame::Frame;
+#[cfg(feature = "train")]
 pub use sampler::Sampler;
 
 /// Linear RGB, Rec. 709 primaries.

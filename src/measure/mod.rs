@@ -1,8 +1,10 @@
 //! Measurement points, their sub-points, and the direct vector x.
 
 pub mod direct;
+#[cfg(feature = "train")]
 pub mod points;
 
+#[cfg(feature = "train")]
 pub use points::PointsError;
 
 use glam::Vec3;

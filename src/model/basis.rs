@@ -4,6 +4,7 @@ use half::f16;
 use rayon::prelude::*;
 
 use crate::math::Rgb;
+#[cfg(feature = "train")]
 use crate::scene::Finish;
 
 /// n values a texel over the lightmap, finished: lookups inside a chart read only its own values, and charts join without a
@@ -96,6 +97,7 @@ impl Anchors {
 
 impl Basis {
     /// Lays path traced values per texel of the lightmap, `[element][component][texel]`, out over the whole page.
+    #[cfg(feature = "train")]
     pub fn from_texels(finish: &Finish, elements: usize, values: &[f32]) -> Self {
         let pages = finish.path_traced_pages(values);
         let components = pages.len() / (elements * finish.size * finish.size).max(1);
@@ -151,6 +153,7 @@ pub struct LightmapImage {
 
 impl LightmapImage {
     /// From path traced values per texel of the lightmap.
+    #[cfg(feature = "train")]
     pub fn new(finish: &Finish, values: &[Rgb]) -> Self {
         let page = |channel: usize| finish.path_traced_pages(&values.iter().map(|v| v[channel]).collect::<Vec<f32>>());
         let [r, g, b] = [page(0), page(1), page(2)];

@@ -12,7 +12,9 @@ pub mod view;
 pub use basis::{Anchors, Basis, LightmapImage, Values};
 pub use file::ModelFileError;
 pub use negative::negative_shares;
-pub use picture::{Picture, PictureError};
+pub use picture::Picture;
+#[cfg(feature = "train")]
+pub use picture::PictureError;
 pub use record::{HeldOut, Separation, TrainingRecord};
 pub use scope::{Reading, Scope};
 pub use view::{Shown, View, ViewError};
@@ -22,7 +24,8 @@ use crate::measure::MeasurementPoints;
 use crate::scene::Asset;
 
 /// Whether colour channels share the vectors or have vectors of their own (paper 5.2).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Channels {
     /// Each channel is a vector of its own: one scalar basis, a transfer matrix for each channel.

@@ -21,6 +21,7 @@ pub struct Asset {
 
 impl Asset {
     /// Names this geometry, layout and look: BLAKE3 of mesh, materials and textures, hexadecimal.
+    #[cfg(feature = "train")]
     pub fn hash(&self) -> String {
         let mut hasher = blake3::Hasher::new();
         let mesh = &self.mesh;

@@ -11,7 +11,8 @@ use super::walls::thin_walls;
 use super::{Asset, Mesh, SceneError, Tracer, apart};
 
 /// Which coordinates the lightmap uses.
-#[derive(clap::ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum UvPolicy {
     /// TEXCOORD_1, else TEXCOORD_0, if it serves as a lightmap; else a fresh unwrap.

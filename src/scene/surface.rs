@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec4};
 
-use super::{Asset, Material, Reflectance, TexelPoint, TextureRef};
+use super::{Asset, Material, Reflectance, TextureRef};
 use crate::math::Rgb;
 
 /// Where a ray meets the mesh.
@@ -12,6 +12,14 @@ pub struct Hit {
     pub t: f32,
     pub triangle: u32,
     /// Barycentric coordinates of the second and third vertex.
+    pub u: f32,
+    pub v: f32,
+}
+
+/// A point of the surface, as a triangle and barycentric coordinates of its second and third vertex.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TexelPoint {
+    pub triangle: u32,
     pub u: f32,
     pub v: f32,
 }
@@ -100,6 +108,7 @@ impl Asset {
     }
 
     /// Whether a triangle's material is cut out where alpha is low: foliage and fences part no rooms.
+    #[cfg(feature = "train")]
     pub(super) fn may_be_cut_out(&self, triangle: usize) -> bool {
         self.materials[self.mesh.triangle_materials[triangle] as usize].alpha_cutoff.is_some()
     }

@@ -6,7 +6,7 @@
 
 use glam::{DVec2, Vec2};
 
-use super::Mesh;
+use super::{Mesh, TexelPoint};
 use crate::math::warp::sample_uniform_triangle;
 
 /// A covered texel.
@@ -77,14 +77,6 @@ impl Fragment {
     pub fn polygon(&self) -> &[DVec2] {
         &self.corners[..self.count]
     }
-}
-
-/// A point of the surface, as a triangle and barycentric coordinates of its second and third vertex.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TexelPoint {
-    pub triangle: u32,
-    pub u: f32,
-    pub v: f32,
 }
 
 impl Lightmap {

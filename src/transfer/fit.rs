@@ -20,7 +20,8 @@ use crate::model::{Channels, Transfer};
 use crate::progress::Progress;
 
 /// How basis and transfer are fitted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     Belcour,
