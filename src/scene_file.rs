@@ -157,11 +157,22 @@ pub struct TrainSettings {
     pub anchors: usize,
     /// Bits of a channel of `local`: 8 or 16.
     pub bits: u32,
+    /// Whether paths from the texels tell the transfer of `linear` and `local` beforehand, where that lowers the
+    /// leave-one-out error.
+    pub prior: bool,
 }
 
 impl Default for TrainSettings {
     fn default() -> Self {
-        Self { method: Method::Local, basis: None, channels: Channels::Mono, lambda: None, anchors: 128, bits: 8 }
+        Self {
+            method: Method::Local,
+            basis: None,
+            channels: Channels::Mono,
+            lambda: None,
+            anchors: 128,
+            bits: 8,
+            prior: true,
+        }
     }
 }
 

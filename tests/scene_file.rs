@@ -150,6 +150,7 @@ fn scene_file() -> impl Strategy<Value = SceneFile> {
                 lambda,
                 anchors: sub_points,
                 bits: if multi { 8 } else { 16 },
+                prior: multi,
             },
             camera: camera.map(|(eye, target, vertical_fov)| Camera { eye, target, up: Vec3::Y, vertical_fov }),
         }

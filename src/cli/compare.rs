@@ -73,10 +73,18 @@ pub fn compare(
 ) -> Result<(), Failure> {
     let tracer = Tracer::new(&prepared.asset);
     let distant = distant(prepared, trained, place, &tracer, reporter)?;
-    let own = Scenery { name: "as trained", dataset: &trained.dataset, gram: &trained.gram };
+    let prior_of = |scenario: &Scenario, dataset: &Dataset, gram: &Gram| {
+        prepared.prior_of_all(scenario, &tracer, &trained.model.points, (dataset, gram), reporter)
+    };
+    let prior = prior_of(&prepared.scene.scenario, &trained.dataset, &trained.gram)?;
+    let of_distant = match &distant {
+        Some((dataset, gram)) => prior_of(&distant_scenario(), dataset, gram)?,
+        None => None,
+    };
+    let own = Scenery { name: "as trained", dataset: &trained.dataset, gram: &trained.gram, prior: prior.as_ref() };
     let mut scenarios = vec![own];
     if let Some((dataset, gram)) = &distant {
-        scenarios.push(Scenery { name: "distant lights", dataset, gram });
+        scenarios.push(Scenery { name: "distant lights", dataset, gram, prior: of_distant.as_ref() });
     }
     let inputs = Inputs {
         model: &trained.model,
@@ -113,6 +121,15 @@ pub fn compare(
     super::write_json(json, &figures)
 }
 
+/// Directional lights from everywhere.
+fn distant_scenario() -> Scenario {
+    Scenario {
+        kinds: KindWeights { directional: 1.0, ..KindWeights::default() },
+        sky: Sky::Everywhere,
+        ..Scenario::default()
+    }
+}
+
 /// The same asset under directional lights, trained and tested anew: what classical PRT is made for. None where distant light
 /// hardly reaches the asset, as in a closed room.
 fn distant(
@@ -122,11 +139,7 @@ fn distant(
     tracer: &Tracer,
     reporter: &Reporter,
 ) -> Result<Option<(Dataset, Gram)>, Failure> {
-    let scenario = Scenario {
-        kinds: KindWeights { directional: 1.0, ..KindWeights::default() },
-        sky: Sky::Everywhere,
-        ..Scenario::default()
-    };
+    let scenario = distant_scenario();
     if prepared.scene.scenario.kinds == scenario.kinds {
         return Ok(None);
     }

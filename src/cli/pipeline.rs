@@ -5,16 +5,18 @@ use std::time::Instant;
 
 use glam::Vec3;
 
-use crate::dataset::{Contrast, Dataset, Draw, Job, Reading, identity};
-use crate::light::LightingCondition;
+use crate::dataset::{Contrast, Dataset, Draw, Job, Reading, Unbaked, identity};
+use crate::light::{LightingCondition, Scenario};
 use crate::math::Rgb;
 use crate::measure::MeasurementPoints;
 use crate::model::{Basis, HeldOut, Model, Scope, TrainingRecord, Transfer, negative_shares};
 use crate::progress::Progress;
 use crate::scene::{Asset, Finish, Lightmap, Tracer, lay_out};
 use crate::scene_file::SceneFile;
-use crate::transfer::{Fit, Gram, HeldOutErrors, LocalFit, Method, Terms, TrainSettings, TransferError, fit_scope};
-use crate::transport::BakeSettings;
+use crate::transfer::{
+    Fit, Gram, HeldOutErrors, LocalFit, Method, Prior, PriorSums, Terms, TrainSettings, TransferError, fit_scope,
+};
+use crate::transport::{Adjoint, BakeSettings};
 
 use super::storage::{Place, baked_settings};
 use super::{Failure, Reporter};
@@ -157,6 +159,12 @@ impl Prepared {
             reporter
                 .note(&format!("{} of {} conditions light nothing and were dropped", fit.dropped, dataset.training));
         }
+        let fit = if train.prior && train.method != Method::Belcour {
+            let prior = self.prior(&self.scene.scenario, &fit, &tracer, &points, &dataset, reporter)?;
+            fit.with_prior(&dataset, &prior)?
+        } else {
+            fit
+        };
         let finish = self.finish(&tracer);
         let (basis, transfer, errors) = match settings.method {
             Method::Local => self.train_local(&finish, &fit, &dataset, &gram, reporter)?,
@@ -172,6 +180,42 @@ impl Prepared {
         let train_seconds = start.elapsed().as_secs_f64();
         let paths = place.rendered.as_ref().map_or(self.scene.bake.paths, |r| r.samples().unwrap_or(0));
         Ok(Trained { model, dataset, gram, fit, errors, paths, bake_seconds, train_seconds })
+    }
+
+    /// What paths from the texels tell of every fit to a dataset of `scenario`, if it is asked for.
+    pub fn prior_of_all(
+        &self,
+        scenario: &Scenario,
+        tracer: &Tracer,
+        points: &MeasurementPoints,
+        (dataset, gram): (&Dataset, &Gram),
+        reporter: &Reporter,
+    ) -> Result<Option<Prior>, Failure> {
+        let train = &self.scene.train;
+        if !train.prior {
+            return Ok(None);
+        }
+        let (method, lambda) = (Method::Local, train.lambda_for(Method::Local));
+        let settings = TrainSettings { method, channels: train.channels, elements: 1, lambda };
+        let fit = Fit::train(dataset, gram, settings)?;
+        Ok(Some(self.prior(scenario, &fit, tracer, points, dataset, reporter)?))
+    }
+
+    /// What paths from the texels tell of the transfer of `fit`, trained on a dataset of `scenario`.
+    fn prior(
+        &self,
+        scenario: &Scenario,
+        fit: &Fit,
+        tracer: &Tracer,
+        points: &MeasurementPoints,
+        dataset: &Dataset,
+        reporter: &Reporter,
+    ) -> Result<Prior, Failure> {
+        let adjoint = Adjoint::new(tracer, &self.lightmap, points, self.bake_settings());
+        let mut sums = PriorSums::new(fit, dataset, &adjoint, reporter)?;
+        let unbaked = Unbaked { tracer, points, scenario, seed: self.scene.bake.seed };
+        unbaked.for_each(&mut |measured| sums.add(measured))?;
+        Ok(sums.finish()?)
     }
 
     /// A local basis from the global `fit`.
@@ -228,6 +272,7 @@ impl Prepared {
             conditions: dataset.training,
             dropped: fit.dropped,
             lambda: fit.lambda,
+            prior: fit.prior,
             held_out: HeldOut {
                 conditions: errors.transfer.len(),
                 mean: summary.mean,

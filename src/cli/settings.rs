@@ -53,6 +53,9 @@ pub struct Overrides {
     /// Bits of a channel of a local basis, 8 or 16
     #[arg(long)]
     pub bits: Option<u32>,
+    /// Whether paths from the texels tell the transfer beforehand, where that is better [default: true]
+    #[arg(long)]
+    pub prior: Option<bool>,
     /// How basis and transfer are fitted
     #[arg(long)]
     pub method: Option<Method>,
@@ -99,6 +102,7 @@ impl Overrides {
         set(&mut scene.points.sub_points, &self.sub_points);
         set(&mut scene.train.anchors, &self.anchors);
         set(&mut scene.train.bits, &self.bits);
+        set(&mut scene.train.prior, &self.prior);
         set(&mut scene.train.method, &self.method);
         set(&mut scene.train.channels, &self.channels);
         set(&mut scene.asset.materials, &self.materials);

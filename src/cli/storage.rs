@@ -57,6 +57,7 @@ impl Place {
             training: bake.conditions,
             conditions: all,
             points: scene.points.count,
+            sub_points: if train.prior { scene.points.count * scene.points.sub_points } else { 0 },
             texels,
             lightmap_size: scene.lightmap.size as usize,
         });

@@ -104,6 +104,7 @@ pub fn figures(trained: &Trained, model_bytes: u64, total_seconds: f64) -> serde
         },
         "separation": record.separation,
         "lambda": record.lambda,
+        "prior": record.prior,
         "anchors": trained.model.basis.anchors.as_ref().map(|a| a.count),
         "bytes_per_texel": trained.model.basis.bytes_per_texel(),
         "condition_number": trained.fit.condition_number,

@@ -26,7 +26,7 @@ pub struct Contrast {
 const OWN: usize = 640;
 
 /// Conditions of a kind: fewer where one light casts many shadow rays.
-fn conditions_of(kind: Kind) -> usize {
+pub(super) fn conditions_of(kind: Kind) -> usize {
     match kind {
         Kind::Point | Kind::Spot | Kind::Directional => 640,
         Kind::Rect | Kind::Disk | Kind::Sphere => 192,
@@ -34,16 +34,26 @@ fn conditions_of(kind: Kind) -> usize {
     }
 }
 
+/// The kinds of light that `scenario` does not have, but for environments, which need images: each drawn as the scenario draws its
+/// own, one light at a time, and directional lights from everywhere.
+pub(super) fn foreign(scenario: &Scenario) -> impl Iterator<Item = (Kind, Scenario)> {
+    let lacks = |&(kind, weight): &(Kind, f32)| weight <= 0.0 && kind != Kind::Environment;
+    scenario.kinds.all().into_iter().filter(lacks).map(|(kind, _)| {
+        let kinds = KindWeights::only(kind);
+        (kind, Scenario { kinds, sky: Sky::Everywhere, lights_per_condition: [1, 1], ..scenario.clone() })
+    })
+}
+
 /// Conditions measured at once: every sub-point has a value for each.
-const AT_ONCE: usize = 64;
+pub(super) const AT_ONCE: usize = 64;
 
 /// Separates these conditions' random numbers from those of the dataset.
 const STREAM: u64 = 0x636f_6e74_7261_7374;
 
 impl Contrast {
     /// Draws and measures conditions of `scenario`, and of every kind of light that it does not have: drawn as it draws them
-    /// but for directional lights, which come from everywhere. Environments are left out, since they need images, and so are
-    /// kinds for which the scenario leaves no room. `held_out` are the vectors to calibrate with.
+    /// but for directional lights, which come from everywhere. Environments are left out, and so are kinds for which the
+    /// scenario leaves no room. `held_out` are the vectors to calibrate with.
     ///
     /// # Errors
     /// When the scenario cannot be drawn from.
@@ -68,16 +78,7 @@ impl Contrast {
         };
         let own = of(scenario, OWN)?;
         let mut others = Vec::new();
-        for (kind, weight) in scenario.kinds.all() {
-            if weight > 0.0 || kind == Kind::Environment {
-                continue;
-            }
-            let foreign = Scenario {
-                kinds: KindWeights::only(kind),
-                sky: Sky::Everywhere,
-                lights_per_condition: [1, 1],
-                ..scenario.clone()
-            };
+        for (kind, foreign) in foreign(scenario) {
             match of(&foreign, conditions_of(kind)) {
                 Ok(vectors) => others.push((kind.name().to_owned(), vectors)),
                 Err(ScenarioError::NoRoom { .. } | ScenarioError::NothingEmits) => {}

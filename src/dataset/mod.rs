@@ -10,6 +10,7 @@ pub mod manifest;
 pub mod memory;
 pub mod rendered;
 mod shard;
+pub mod unbaked;
 
 use std::ops::Range;
 
@@ -20,6 +21,7 @@ pub use folder::Job;
 pub use manifest::{Identity, identity};
 pub use memory::Bytes;
 pub use rendered::{Export, Reading, Rendered};
+pub use unbaked::{Measured, Unbaked};
 
 use crate::light::LightingCondition;
 use crate::math::Rgb;

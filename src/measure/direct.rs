@@ -32,8 +32,8 @@ impl MeasurementPoints {
         self.average_rows(&self.sub_point_matrix(tracer, table), 3 * table.condition_count())
     }
 
-    /// Means of the sub-points' rows of `row` values each.
-    fn average_rows(&self, sub_points: &[f32], row: usize) -> Vec<f32> {
+    /// Means of the sub-points' rows of `row` values each: `[point][value]`.
+    pub fn average_rows(&self, sub_points: &[f32], row: usize) -> Vec<f32> {
         let count = self.neighbours_per_point().max(1);
         let share = 1.0 / count as f32;
         let mut out = vec![0f32; self.points.len() * row];
@@ -49,7 +49,7 @@ impl MeasurementPoints {
     }
 
     /// Radiant exitance of every sub-point under all conditions: `[sub-point][channel][condition]`.
-    fn sub_point_matrix(&self, tracer: &Tracer, table: &LightTable) -> Vec<f32> {
+    pub fn sub_point_matrix(&self, tracer: &Tracer, table: &LightTable) -> Vec<f32> {
         let n = table.condition_count();
         let mut exitance = vec![0f32; self.sub_points.len() * 3 * n];
         let rows = exitance.par_chunks_mut((3 * n).max(1)).zip(&self.sub_points);

@@ -2,10 +2,14 @@
 
 pub mod direct;
 #[cfg(feature = "train")]
+pub mod nearest;
+#[cfg(feature = "train")]
 pub mod points;
 
 #[cfg(feature = "train")]
-pub use points::PointsError;
+pub use nearest::Nearest;
+#[cfg(feature = "train")]
+pub use points::{PointsError, normal_scale};
 
 use glam::Vec3;
 

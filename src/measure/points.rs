@@ -65,8 +65,8 @@ impl MeasurementPoints {
         let points: Vec<MeasurementPoint> =
             eliminate(&sub_points, count, area as f32).iter().map(|&i| sub_points[i]).collect();
 
-        let normal_scale = NORMAL_DISTANCE * mesh.bounds().diagonal();
-        let neighbours = points.iter().flat_map(|p| nearest(p, &sub_points, per_point, normal_scale)).collect();
+        let scale = normal_scale(asset);
+        let neighbours = points.iter().flat_map(|p| nearest(p, &sub_points, per_point, scale)).collect();
         Ok(Self { points, sub_points, neighbours })
     }
 }
@@ -143,12 +143,20 @@ fn eliminate(samples: &[MeasurementPoint], keep: usize, area: f32) -> Vec<usize>
     (0..samples.len()).filter(|&i| alive[i]).collect()
 }
 
+/// Metres that a right angle between normals counts as where neighbours are looked for.
+pub fn normal_scale(asset: &Asset) -> f32 {
+    NORMAL_DISTANCE * asset.mesh.bounds().diagonal()
+}
+
+/// Square of the distance between a place and a point, by position and normal.
+pub(super) fn distance_squared(position: Vec3, normal: Vec3, point: &MeasurementPoint, normal_scale: f32) -> f32 {
+    let turn = (1.0 - normal.dot(point.normal)).max(0.0) * normal_scale;
+    position.distance_squared(point.position) + turn * turn
+}
+
 /// The `count` sub-points nearest to `point`, by position and normal; ties by index.
 fn nearest(point: &MeasurementPoint, sub_points: &[MeasurementPoint], count: usize, normal_scale: f32) -> Vec<u32> {
-    let distance = |s: &MeasurementPoint| {
-        let turn = (1.0 - point.normal.dot(s.normal)).max(0.0) * normal_scale;
-        point.position.distance_squared(s.position) + turn * turn
-    };
+    let distance = |s: &MeasurementPoint| distance_squared(point.position, point.normal, s, normal_scale);
     let mut order: Vec<(f32, u32)> = sub_points.iter().enumerate().map(|(i, s)| (distance(s), i as u32)).collect();
     let by_distance = |a: &(f32, u32), b: &(f32, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
     if order.len() > count {

@@ -16,6 +16,8 @@ pub struct TrainingRecord {
     pub dropped: usize,
     /// λ relative to trace(DDᵀ)/P.
     pub lambda: f64,
+    /// Whether paths from the texels told the transfer beforehand, and λ is that of the fit to what they left.
+    pub prior: bool,
     pub held_out: HeldOut,
     /// Per kind of light that the scenario does not have, the chance that one of them reads more novel than a held-out light.
     pub separation: Vec<Separation>,

@@ -13,7 +13,7 @@ use crate::model::{Model, ViewError};
 use crate::progress::Progress;
 use crate::prt::{PrtError, PrtSettings, bake_texels, bake_vertices};
 use crate::scene::{Finish, Lightmap, Tracer};
-use crate::transfer::{Fit, Gram, HeldOutErrors, Precision, TransferError};
+use crate::transfer::{Fit, Gram, HeldOutErrors, Precision, Prior, TransferError};
 use crate::transport::reference::ReferenceError;
 use crate::transport::{BakeError, BakeSettings, Bias, bake_direct};
 
@@ -48,11 +48,13 @@ impl From<ReferenceError> for ReportError {
     }
 }
 
-/// A dataset under the name of its scenario, with its Gram matrix.
+/// A dataset under the name of its scenario, with its Gram matrix and its prior.
 pub struct Scenery<'a> {
     pub name: &'a str,
     pub dataset: &'a Dataset,
     pub gram: &'a Gram,
+    /// For fits of `linear` and `local`.
+    pub prior: Option<&'a Prior>,
 }
 
 /// What a report is made from.
@@ -114,6 +116,7 @@ impl Inputs<'_> {
                 scenario: scenery.name.to_owned(),
                 dataset: scenery.dataset,
                 gram: scenery.gram,
+                prior: scenery.prior,
                 channels: self.fit.settings.channels,
                 lambda: self.lambda,
                 places: self.places,

@@ -12,7 +12,7 @@ use crate::progress::Progress;
 use crate::prt::{ShPrt, light_coefficients};
 use crate::transfer::error::mean_median_worst;
 use crate::transfer::{
-    Fit, Gram, HeldOutErrors, Lambda, LocalFit, Method, PUBLISHED_LAMBDA, Precision, Terms, TrainSettings,
+    Fit, Gram, HeldOutErrors, Lambda, LocalFit, Method, PUBLISHED_LAMBDA, Precision, Prior, Terms, TrainSettings,
     TransferError,
 };
 
@@ -59,6 +59,8 @@ pub struct Comparison<'a> {
     pub scenario: String,
     pub dataset: &'a Dataset,
     pub gram: &'a Gram,
+    /// What is known of the transfer of `linear` and `local` beforehand.
+    pub prior: Option<&'a Prior>,
     pub channels: Channels,
     /// λ given by the user for every fit, relative.
     pub lambda: Option<f64>,
@@ -164,7 +166,7 @@ impl Comparison<'_> {
             for (lambda, choice) in lambdas(method) {
                 for elements in SIZES {
                     let settings = TrainSettings { method, channels: self.channels, elements, lambda };
-                    match Fit::train(self.dataset, self.gram, settings) {
+                    match self.fit(settings) {
                         Ok(fit) => {
                             let errors = HeldOutErrors::of(&fit, self.dataset, self.gram);
                             let bytes = 2 * elements * self.channels.components();
@@ -180,6 +182,14 @@ impl Comparison<'_> {
         Ok(rows)
     }
 
+    fn fit(&self, settings: TrainSettings) -> Result<Fit, TransferError> {
+        let fit = Fit::train(self.dataset, self.gram, settings)?;
+        match self.prior.filter(|_| settings.method != Method::Belcour) {
+            Some(prior) => fit.with_prior(self.dataset, prior),
+            None => Ok(fit),
+        }
+    }
+
     /// Local bases, which share their terms.
     fn local(&self, indirect_shares: &[f64], progress: &dyn Progress) -> Result<Vec<Row>, TransferError> {
         let (lambda, choice) = match self.lambda {
@@ -187,7 +197,7 @@ impl Comparison<'_> {
             None => (Lambda::LeaveOneOut, "leave-one-out"),
         };
         let settings = TrainSettings { method: Method::Local, channels: self.channels, elements: 1, lambda };
-        let fit = Fit::train(self.dataset, self.gram, settings)?;
+        let fit = self.fit(settings)?;
         let terms = Terms::new(&fit, self.dataset, self.places, self.anchors, progress)?;
         let row = |channels: usize| {
             let local = LocalFit::train(&terms, channels, self.precision);

@@ -80,16 +80,18 @@ pub struct Fit {
     pub dropped: usize,
     /// Of the basis that the first n were taken from, largest first.
     pub singular_values: Vec<f64>,
+    /// Whether M is what a [`super::Prior`] tells and the data add to it.
+    pub prior: bool,
     /// Condition number of the weighted D, the largest over the channels.
     pub condition_number: f64,
     /// U = V · combination, with V the lightmaps of the training vectors: `[vector][element]`.
     pub(super) combination: Mat<f64>,
     /// Training conditions that were kept.
-    kept: Vec<usize>,
+    pub(super) kept: Vec<usize>,
     /// Of each training vector: what multiplies both its direct vector and its lightmap.
-    weights: Vec<f64>,
+    pub(super) weights: Vec<f64>,
     /// Per group of vectors (R, G, B for mono; one for multi), M: `[element][row]`.
-    matrices: Vec<Mat<f64>>,
+    pub(super) matrices: Vec<Mat<f64>>,
 }
 
 /// The vectors that a fit works on: for mono one group a channel, for multi one group of interleaved vectors.
@@ -200,6 +202,7 @@ impl Fit {
             lambda: ridges.first().map_or(0.0, |r| relative(r) / r.mean_square.max(f64::MIN_POSITIVE)),
             dropped: dataset.training - n,
             singular_values,
+            prior: false,
             condition_number: ridges.iter().map(Ridge::condition_number).fold(1.0, f64::max),
             combination,
             kept,
@@ -391,8 +394,17 @@ fn centre(gram: MatRef<f64>, share: &dyn Fn(usize) -> f64) -> Mat<f64> {
     })
 }
 
+/// Sum of the squared leave-one-out residuals of all groups.
+pub(super) fn leave_one_out<'c>(
+    ridges: &[Ridge],
+    coefficients: impl Fn(usize) -> MatRef<'c, f64>,
+    lambda: impl Fn(&Ridge) -> f64,
+) -> f64 {
+    ridges.iter().enumerate().map(|(g, r)| r.leave_one_out(coefficients(g), lambda(r))).sum()
+}
+
 /// Absolute λ for each group's ridge.
-fn choose_lambda<'c>(
+pub(super) fn choose_lambda<'c>(
     lambda: Lambda,
     ridges: &[Ridge],
     coefficients: impl Fn(usize) -> MatRef<'c, f64> + Sync,
@@ -407,10 +419,7 @@ fn choose_lambda<'c>(
             let candidates: Vec<f64> = (0..=24).map(|i| floor * 10f64.powf(i as f64 / 4.0)).collect();
             let errors: Vec<f64> = candidates
                 .par_iter()
-                .map(|&value| {
-                    let of = |(g, r): (usize, &Ridge)| r.leave_one_out(coefficients(g), value * r.mean_square);
-                    ridges.iter().enumerate().map(of).sum()
-                })
+                .map(|&value| leave_one_out(ridges, &coefficients, |r| value * r.mean_square))
                 .collect();
             let best = (0..errors.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0);
             candidates[best]

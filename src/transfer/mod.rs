@@ -9,6 +9,7 @@ pub mod error;
 pub mod fit;
 pub mod gram;
 pub mod local;
+pub mod prior;
 pub mod ridge;
 pub mod scope;
 mod small;
@@ -20,6 +21,7 @@ pub use error::{ErrorSummary, HeldOutErrors};
 pub use fit::{Fit, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings};
 pub use gram::Gram;
 pub use local::{LocalFit, Precision, Terms};
+pub use prior::{Prior, PriorSums};
 pub use scope::fit_scope;
 
 /// What a training run is made of, as far as its memory goes.
@@ -35,6 +37,8 @@ pub struct Extent {
     pub training: usize,
     pub conditions: usize,
     pub points: usize,
+    /// Sub-points that a prior is made with; 0 without one.
+    pub sub_points: usize,
     pub texels: usize,
     /// Side of the lightmap.
     pub lightmap_size: usize,
@@ -71,7 +75,11 @@ pub fn bytes_needed(extent: &Extent) -> u64 {
     };
     // The model's basis and the fit stay while its scope is found.
     let scope = halves + 2 * 8 * vectors * terms + scope::bytes_needed(points);
-    gram + making.max(fit).max(basis).max(scope)
+    let prior = match (extent.sub_points, method) {
+        (0, _) | (_, Method::Belcour) => 0,
+        (sub_points, _) => tile + 2 * 8 * vectors * terms + prior::bytes_needed(terms, sub_points as u64, points),
+    };
+    gram + making.max(fit).max(basis).max(scope).max(prior)
 }
 
 #[derive(Debug, thiserror::Error)]

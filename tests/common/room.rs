@@ -196,6 +196,7 @@ pub fn model(channels: Channels, elements: usize, mean_scaled_by_norm: bool) -> 
             asset_hash: String::new(),
             conditions: 0,
             dropped: 0,
+            prior: true,
             lambda: 0.0,
             held_out: HeldOut {
                 conditions: 0,
