@@ -125,7 +125,7 @@ impl Prepared {
             lightmap: &self.lightmap,
             points,
             settings: &settings,
-            identity: &identity(baked_settings(scene), &self.asset.hash(), &self.lightmap, points),
+            identity: &identity(baked_settings(scene), &self.asset.hash(), &self.lightmap),
             memory: place.memory,
         };
         reporter.keeps_in(&place.folder);

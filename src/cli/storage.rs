@@ -81,7 +81,6 @@ pub fn baked_settings(scene: &SceneFile) -> Identity {
     let rooms = [
         ("lightmap", serde_json::to_value(&scene.lightmap)),
         ("scenario", serde_json::to_value(&scene.scenario)),
-        ("points", serde_json::to_value(&scene.points)),
         ("bake", serde_json::to_value(&scene.bake)),
     ];
     for (name, value) in rooms {
