@@ -12,6 +12,7 @@ pub mod local;
 pub mod ridge;
 pub mod scope;
 mod small;
+pub mod trial;
 
 use crate::dataset::ROWS;
 use crate::model::Channels;
@@ -21,6 +22,7 @@ pub use fit::{Fit, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings};
 pub use gram::Gram;
 pub use local::{LocalFit, Precision, Terms};
 pub use scope::fit_scope;
+pub use trial::Trial;
 
 /// What a training run is made of, as far as its memory goes.
 #[derive(Clone, Copy, Debug)]
