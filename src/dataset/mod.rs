@@ -80,11 +80,6 @@ impl Dataset {
         self.direct.chunks_exact(3 * n).map(value).collect()
     }
 
-    /// The same light, measured at other points: `direct` is D of all conditions, laid out as this one's.
-    pub fn measured_as(&self, direct: Vec<f32>) -> Self {
-        Self { direct, ..self.clone() }
-    }
-
     /// Hands all of I to `visit`, in order, [`ROWS`] texels at a time, the last the rest: the range of texels and their rows,
     /// `[texel][channel][condition]`. Texels advance `progress`.
     ///

@@ -332,8 +332,7 @@ fn alternate(terms: &Terms, n: usize, passes: usize) -> Alternation {
     let mut values = vec![0f32; terms.rows() * n];
     let energy: f64 = (0..terms.rows())
         .map(|row| {
-            terms.areas[row / terms.components] as f64
-                * terms.row(row).iter().map(|&f| (f as f64).powi(2)).sum::<f64>()
+            terms.areas[row / terms.components] as f64 * terms.row(row).iter().map(|&f| (f as f64).powi(2)).sum::<f64>()
         })
         .sum();
     let mut losses = Vec::new();

@@ -5,6 +5,8 @@
 //! without touching a lightmap again, and only the chosen basis is expanded to texels ([`Fit::expand`]). A local basis ([`LocalFit`]) starts from there.
 
 pub mod anchors;
+pub mod budget;
+pub mod enough;
 pub mod error;
 pub mod fit;
 pub mod gram;
@@ -17,6 +19,7 @@ pub mod trial;
 use crate::dataset::ROWS;
 use crate::model::Channels;
 
+pub use budget::{Budget, Candidate, Size};
 pub use error::{ErrorSummary, HeldOutErrors};
 pub use fit::{Fit, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings};
 pub use gram::Gram;
@@ -73,7 +76,12 @@ pub fn bytes_needed(extent: &Extent) -> u64 {
     };
     // The model's basis and the fit stay while its scope is found.
     let scope = halves + 2 * 8 * vectors * terms + scope::bytes_needed(points);
-    gram + making.max(fit).max(basis).max(scope)
+    // So do they while more points and fewer conditions are tried: D at four times the points as floats and in ridges, and a fit
+    // on half of the conditions.
+    let (tried, rank) = (4 * points, (4 * points).min(training));
+    let direct = 4 * 3 * tried * 2 * extent.conditions as u64 + 3 * 8 * (2 * tried * training + 4 * rank * rank);
+    let trial = halves + 2 * 8 * terms * (2 * vectors + 3 * extent.conditions as u64) + direct.max(fit / 4);
+    gram + making.max(fit).max(basis).max(scope).max(trial)
 }
 
 #[derive(Debug, thiserror::Error)]

@@ -39,7 +39,8 @@ impl<'f> Trial<'f> {
             let parts: Vec<Mat<f64>> = (conditions.par_chunks(AT_ONCE).enumerate())
                 .map(|(part, conditions)| {
                     let lit = Mat::from_fn(vectors, conditions.len(), |v, k| {
-                        weight(part * AT_ONCE + k) * product(gram, channels, (v / n, fit.kept[v % n]), (g, conditions[k]))
+                        weight(part * AT_ONCE + k)
+                            * product(gram, channels, (v / n, fit.kept[v % n]), (g, conditions[k]))
                     });
                     fit.combination.transpose() * lit
                 })
@@ -66,14 +67,13 @@ impl<'f> Trial<'f> {
         let settings = fit.settings;
         let groups = groups(settings.channels);
         let columns = |group: &[usize], conditions: &[usize], weight: &(dyn Fn(usize) -> f64 + Sync)| {
-            let columns: Vec<Vec<f64>> =
-                conditions.par_iter().map(|&c| direct_vector(dataset, group, c)).collect();
+            let columns: Vec<Vec<f64>> = conditions.par_iter().map(|&c| direct_vector(dataset, group, c)).collect();
             let rows = columns.first().map_or(0, Vec::len);
             Mat::from_fn(rows, conditions.len(), |row, k| columns[k][row] * weight(k))
         };
-        let ridges = (0..groups.len()).into_par_iter().map(|g| {
-            Ridge::new(columns(groups[g], &fit.kept, &|k| fit.weights[g * n + k]).as_ref())
-        });
+        let ridges = (0..groups.len())
+            .into_par_iter()
+            .map(|g| Ridge::new(columns(groups[g], &fit.kept, &|k| fit.weights[g * n + k]).as_ref()));
         let ridges: Vec<Ridge> = ridges.collect::<Result<_, _>>()?;
         let decisive = DECISIVE.min(self.fit.combination.ncols());
         let absolute = choose_lambda(settings.lambda, &ridges, |g| self.coefficients[g].get(..decisive, ..));
