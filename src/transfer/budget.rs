@@ -91,6 +91,8 @@ pub const MOST_ELEMENTS: usize = 64;
 /// Channels and anchors that are tried for a local basis.
 pub const CHANNELS: [usize; 6] = [2, 3, 4, 6, 8, 16];
 pub const ANCHORS: [usize; 5] = [16, 32, 64, 128, 256];
+/// Coefficients n K that are tried: the frames of all anchors are one dense problem of as many unknowns.
+const MOST_COEFFICIENTS: usize = 1024;
 /// Points that are tried.
 pub const POINTS: [usize; 5] = [64, 128, 256, 512, 1024];
 
@@ -201,7 +203,9 @@ pub fn candidates(
             Some(residuals) => {
                 let global = errors.last().copied().unwrap_or(1.0);
                 let all = (0..CHANNELS.len()).flat_map(|c| (0..ANCHORS.len()).map(move |k| (c, k)));
-                all.map(|(c, k)| candidate(CHANNELS[c], ANCHORS[k], points, residuals.error(global, c, k))).collect()
+                all.filter(|&(c, k)| CHANNELS[c] * ANCHORS[k] <= MOST_COEFFICIENTS)
+                    .map(|(c, k)| candidate(CHANNELS[c], ANCHORS[k], points, residuals.error(global, c, k)))
+                    .collect()
             }
         }
     };
