@@ -12,7 +12,7 @@ use crate::measure::MeasurementPoints;
 use crate::model::{Choice, Shortage};
 use crate::progress::Progress;
 use crate::scene::Tracer;
-use crate::scene_file::{Conditions, SceneFile};
+use crate::scene_file::{Conditions, MOST_CONDITIONS as MOST_SETTING, SceneFile};
 use crate::transfer::budget::{self, Residuals, Storage, candidates, cross_validate, trial_settings};
 use crate::transfer::enough::{self, LEAST_GAIN, More};
 use crate::transfer::{Budget, Candidate, Fit, Gram, HeldOutErrors, Method, Size, TrainSettings};
@@ -258,7 +258,8 @@ impl Prepared {
             add("points.count", own, enough::points(fit, dataset, gram, means, &more, measure)?);
         }
         let curve = enough::curve(fit, dataset, gram, summary.mean)?;
-        let most = crate::scene_file::MOST_CONDITIONS;
+        // As far as the points are tried; a curve of two points does not tell of thousands.
+        let most = (4 * dataset.training).min(MOST_SETTING);
         add("bake.conditions", dataset.training, curve.and_then(|c| c.shortage(most)));
         Ok(shortages)
     }

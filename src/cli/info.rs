@@ -54,7 +54,7 @@ fn model_facts(model: &Model) -> Value {
             "conditions": record.conditions,
             "dropped": record.dropped,
             "lambda": record.lambda,
-            "chosen": record.choices.iter().map(|c| format!("{} = {} ({})", c.setting, c.value, c.why)).collect::<Vec<_>>(),
+            "chosen": super::train::choice_lines(&record.choices),
             "warnings": record.shortages.iter().map(super::train::shortage_line).collect::<Vec<_>>(),
             "asset hash": record.asset_hash,
         },

@@ -11,7 +11,7 @@ use super::settings::Overrides;
 use super::storage::Storage;
 use super::{Failure, Reporter};
 use crate::dataset::Bytes;
-use crate::model::Shortage;
+use crate::model::{Choice, Shortage};
 use crate::report::figures as pictures;
 use crate::scene::Tracer;
 use crate::scene_file::SceneFile;
@@ -130,6 +130,15 @@ pub fn figures(trained: &Trained, model_bytes: u64, total_seconds: f64) -> serde
     })
 }
 
+/// What was chosen: a line for all that was chosen for one reason.
+pub fn choice_lines(choices: &[Choice]) -> Vec<String> {
+    let of_one_reason = choices.chunk_by(|a, b| a.why == b.why).map(|same| {
+        let settings: Vec<String> = same.iter().map(|c| format!("{} = {}", c.setting, c.value)).collect();
+        format!("{} ({})", settings.join(", "), same[0].why)
+    });
+    of_one_reason.collect()
+}
+
 /// What more of would lower the error, in one line.
 pub fn shortage_line(shortage: &Shortage) -> String {
     let Shortage { setting, count, enough, error } = shortage;
@@ -169,9 +178,7 @@ pub fn print_summary(trained: &Trained, output: &Path, bytes: u64) {
         held_out.noise.map_or("not known".to_owned(), percent)
     );
     println!("  negative light, clamped when shown: {} of the norm", percent(held_out.negative));
-    for choice in &record.choices {
-        println!("  chosen: {} = {} ({})", choice.setting, choice.value, choice.why);
-    }
+    choice_lines(&record.choices).iter().for_each(|line| println!("  chosen: {line}"));
     for shortage in &record.shortages {
         println!("  {}", shortage_line(shortage));
     }
