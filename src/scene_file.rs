@@ -3,12 +3,14 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde::de::{self, Visitor};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use crate::dataset::Bytes;
 use crate::light::Scenario;
 use crate::model::Channels;
 use crate::scene::{Asset, Camera, SceneError, UvPolicy, generate, load};
-use crate::transfer::{Lambda, Method, Precision};
+use crate::transfer::{Budget, Lambda, Method, Precision};
 use crate::transport::Integrator;
 
 #[derive(Debug, thiserror::Error)]
@@ -100,8 +102,8 @@ impl Default for PointSettings {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BakeSettings {
-    /// N, lighting conditions to train on.
-    pub conditions: usize,
+    /// N, lighting conditions to train on; "auto": as many as it takes until twice as many lower the error by less than 5 %.
+    pub conditions: Conditions,
     /// Conditions that training never sees, to test on.
     pub held_out: usize,
     /// Paths per texel, shared by all conditions.
@@ -117,10 +119,88 @@ pub struct BakeSettings {
     pub integrator: Integrator,
 }
 
+/// Most conditions that can be asked for.
+pub const MOST_CONDITIONS: usize = 65536;
+
+/// Conditions that `auto` begins with.
+const FIRST_CONDITIONS: usize = 64;
+
+/// How many conditions to train on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Conditions {
+    Count(usize),
+    /// As many as it takes.
+    Auto,
+}
+
+impl Conditions {
+    /// Their number, or what `auto` begins with.
+    pub fn first(self) -> usize {
+        match self {
+            Conditions::Count(count) => count,
+            Conditions::Auto => FIRST_CONDITIONS,
+        }
+    }
+}
+
+impl std::str::FromStr for Conditions {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.parse() {
+            Ok(count) => Ok(Conditions::Count(count)),
+            Err(_) if text == "auto" => Ok(Conditions::Auto),
+            Err(_) => Err("expected a number or \"auto\"".to_owned()),
+        }
+    }
+}
+
+impl Serialize for Conditions {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Conditions::Count(count) => count.serialize(serializer),
+            Conditions::Auto => "auto".serialize(serializer),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Conditions {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct NumberOrWord;
+        impl Visitor<'_> for NumberOrWord {
+            type Value = Conditions;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+                f.write_str("a number or \"auto\"")
+            }
+
+            fn visit_i64<E: de::Error>(self, count: i64) -> Result<Conditions, E> {
+                let wrong = |_| E::invalid_value(de::Unexpected::Signed(count), &self);
+                usize::try_from(count).map(Conditions::Count).map_err(wrong)
+            }
+
+            fn visit_u64<E: de::Error>(self, count: u64) -> Result<Conditions, E> {
+                let wrong = |_| E::invalid_value(de::Unexpected::Unsigned(count), &self);
+                usize::try_from(count).map(Conditions::Count).map_err(wrong)
+            }
+
+            fn visit_str<E: de::Error>(self, word: &str) -> Result<Conditions, E> {
+                let wrong = |_| E::invalid_value(de::Unexpected::Str(word), &self);
+                word.parse().map_err(wrong)
+            }
+        }
+        deserializer.deserialize_any(NumberOrWord)
+    }
+}
+
 /// Paths a texel up to which the filter was measured to lower the error in every built-in scene.
 const NOISY_PATHS: u32 = 256;
 
 impl BakeSettings {
+    pub fn with_conditions(&self, count: usize) -> Self {
+        Self { conditions: Conditions::Count(count), ..self.clone() }
+    }
+
     /// Whether path traced lightmaps are filtered.
     pub fn denoises(&self) -> bool {
         self.denoise.unwrap_or(self.paths <= NOISY_PATHS)
@@ -130,7 +210,7 @@ impl BakeSettings {
 impl Default for BakeSettings {
     fn default() -> Self {
         Self {
-            conditions: 256,
+            conditions: Conditions::Count(256),
             held_out: 128,
             paths: 256,
             max_bounces: 32,
@@ -160,6 +240,12 @@ pub struct TrainSettings {
     /// Whether paths from the texels tell the transfer of `linear` and `local` beforehand, where that lowers the
     /// leave-one-out error.
     pub prior: bool,
+    /// A mean held-out error, as a fraction: n, K and P are chosen, the smallest that reach it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_error: Option<f64>,
+    /// Bytes that a run time loads: n, K and P are chosen, those of the least error that fit, or the smallest that reach `max_error`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_bytes: Option<Bytes>,
 }
 
 impl Default for TrainSettings {
@@ -172,6 +258,8 @@ impl Default for TrainSettings {
             anchors: 128,
             bits: 8,
             prior: true,
+            max_error: None,
+            max_bytes: None,
         }
     }
 }
@@ -183,6 +271,15 @@ impl TrainSettings {
     /// n.
     pub fn elements(&self) -> usize {
         self.basis.unwrap_or(if self.method == Method::Local { 4 } else { 16 })
+    }
+
+    pub fn budget(&self) -> Budget {
+        Budget { max_error: self.max_error, max_bytes: self.max_bytes.map(|b| b.0) }
+    }
+
+    /// The same with other sizes.
+    pub fn with_sizes(&self, basis: usize, anchors: usize) -> Self {
+        Self { basis: Some(basis), anchors, ..self.clone() }
     }
 
     pub fn precision(&self) -> Precision {
@@ -238,7 +335,7 @@ impl SceneFile {
             ("lightmap.size", self.lightmap.size as u64, 8, 8192),
             ("points.count", self.points.count as u64, 1, 65536),
             ("points.sub_points", self.points.sub_points as u64, 1, 256),
-            ("bake.conditions", self.bake.conditions as u64, 1, 65536),
+            ("bake.conditions", self.bake.conditions.first() as u64, 1, MOST_CONDITIONS as u64),
             ("bake.held_out", self.bake.held_out as u64, 1, 65536),
             ("bake.paths", self.bake.paths as u64, 1, 1 << 20),
             ("bake.max_bounces", self.bake.max_bounces as u64, 1, 1024),
@@ -262,6 +359,20 @@ impl SceneFile {
             && !(lambda.is_finite() && lambda >= 0.0)
         {
             return Err(error(format!("train.lambda = {lambda} must be finite and not negative")));
+        }
+        if let Some(most) = self.train.max_error
+            && !(most > 0.0 && most < 1.0)
+        {
+            return Err(error(format!(
+                "train.max_error = {most} must be above 0 and below 1: it is a fraction, 0.05 is 5 %"
+            )));
+        }
+        if self.train.budget().is_given() && self.train.method == Method::Belcour {
+            return Err(error(
+                "train.max_error and train.max_bytes choose sizes of `local` and `linear`; `belcour` is kept as published: \
+                 give --basis and --points"
+                    .to_owned(),
+            ));
         }
         if let Some(camera) = &self.camera {
             camera.check().map_err(|why| error(format!("camera: {why}")))?;

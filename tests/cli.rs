@@ -27,6 +27,9 @@ fn main() {
     };
     let trials = vec![
         trial("train_writes_a_model_and_its_figures", train_writes_a_model_and_its_figures),
+        trial("conditions_are_added_until_more_gain_little", conditions_are_added_until_more_gain_little),
+        trial("sizes_keep_a_budget", sizes_keep_a_budget),
+        trial("an_error_out_of_reach_ends_with_status_1", an_error_out_of_reach_ends_with_status_1),
         trial("train_takes_scene_files_and_assets", train_takes_scene_files_and_assets),
         trial("a_model_tells_lights_that_it_was_not_trained_on", a_model_tells_lights_that_it_was_not_trained_on),
         trial("compare_writes_its_report", compare_writes_its_report),
@@ -247,6 +250,75 @@ fn a_model_tells_lights_that_it_was_not_trained_on() {
     assert!(number(&figures["novelty"]) > 0.5 && figures["like"] == "directional", "{said}");
 }
 
+/// Four elements are soon as good as they get.
+fn conditions_are_added_until_more_gain_little() {
+    let work = Work::new();
+    let toy = "train --size 16 --held-out 16 --paths 16 --points 64 --method linear --channels multi --basis 4";
+    let said = work.succeeds(&format!("{toy} --conditions auto -o auto.relight --json auto.json"), &[]);
+    let figures = work.json("auto.json");
+    let choice = &figures["choices"][0];
+    assert_eq!((&choice["setting"], figures["choices"].as_array().unwrap().len()), (&json!("bake.conditions"), 1));
+    let count = figures["conditions"].as_u64().unwrap();
+    assert_eq!(choice["value"], count.to_string());
+    assert!((64..=1024).contains(&count) && count.is_power_of_two(), "{figures}");
+    assert!(said.contains(&format!("chosen: bake.conditions = {count} (")), "{said}");
+    assert!(work.succeeds("info auto.relight", &[]).contains(&format!("bake.conditions = {count}")));
+    // As if that number had been given, from the folder that grew.
+    let given = format!("{toy} --conditions {count} --dataset auto.dataset -o given.relight --json given.json");
+    work.succeeds(&given, &[]);
+    assert_eq!(work.json("given.json")["error"], figures["error"]);
+    assert_eq!(work.json("given.json")["choices"], json!([]));
+}
+
+/// Bytes of the tensors that a run time loads for indirect light.
+fn bytes_loaded(model: &Path) -> usize {
+    let bytes = std::fs::read(model).unwrap();
+    let tensors = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    let counted = ["basis", "transfer", "anchors.", "points.", "sub_points."];
+    let is_counted = |name: &str| counted.iter().any(|c| name == *c || c.ends_with('.') && name.starts_with(c));
+    tensors.iter().filter(|(name, _)| is_counted(name)).map(|(_, tensor)| tensor.data().len()).sum()
+}
+
+fn sizes_keep_a_budget() {
+    let work = Work::new();
+    let toy = "train --size 16 --conditions 64 --held-out 16 --paths 16 --sub-points 2 --dataset d";
+    let trained = |more: &str| {
+        let said = work.succeeds(&format!("{toy} {more} -o m.relight --json m.json"), &[]);
+        let figures = work.json("m.json");
+        let settings = figures["choices"].as_array().unwrap().iter().map(|c| c["setting"].as_str().unwrap().to_owned());
+        (settings.collect::<Vec<_>>(), bytes_loaded(&work.path("m.relight")), number(&figures["error"]["mean"]), said)
+    };
+    let all = ["train.basis", "train.anchors", "points.count"];
+    let (settings, small, error_of_small, said) = trained("--max-bytes 40KiB");
+    assert!(settings == all && small <= 40 << 10, "{settings:?} {small}");
+    assert!(said.contains("max_bytes = 40KiB"), "{said}");
+    let (_, large, error_of_large, _) = trained("--max-bytes 400KiB");
+    assert!(large <= 400 << 10 && large > small, "{large}");
+    assert!(error_of_large < error_of_small, "{error_of_large} {error_of_small}");
+    // What it takes is what was told.
+    let told = said.split("max_bytes = 40KiB: ").nth(1).unwrap().split(' ').next().unwrap();
+    let told: relight::dataset::Bytes = told.parse().unwrap();
+    assert!(told.0 >= small as u64 && told.0 < small as u64 + 200, "{told} {small}");
+    // A large error is reached by a smaller model than a small one.
+    let (_, rough, error, _) = trained("--max-error 0.6 --points 64");
+    assert!(error <= 0.6 && rough <= large, "{error} {rough}");
+    // Values that are given are kept.
+    let (settings, bytes, _, _) = trained("--max-bytes 100KiB --method linear --points 96");
+    assert!(settings == ["train.basis", "points.count"] && bytes <= 100 << 10, "{settings:?} {bytes}");
+    assert_eq!(work.json("m.json")["points"], 96);
+    // What no size keeps is refused before anything is baked.
+    work.fails(2, "train --size 16 --max-bytes 1KiB -o no.relight", &[], "train.max_bytes = 1KiB is too little");
+}
+
+fn an_error_out_of_reach_ends_with_status_1() {
+    let work = Work::new();
+    let output = work.run(&format!("train {TINY} --max-error 0.0001 -o m.relight --json m.json"), &[]);
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("over --max-error 0.0001"), "{stderr}");
+    assert!(work.path("m.relight").exists() && number(&work.json("m.json")["error"]["mean"]) > 0.0001);
+}
+
 fn train_takes_scene_files_and_assets() {
     let work = Work::new();
     std::fs::create_dir(work.path("assets")).unwrap();
@@ -439,6 +511,9 @@ fn bad_settings_are_said_in_one_line() {
     }
     refused("--conditions 65536 --memory 1GiB", "--memory 1GiB is too little: training on 65536 conditions");
     refused("--size 64 --memory 9MiB", "--memory 9MiB is too little");
+    refused("--max-error 5", "train.max_error = 5 must be above 0 and below 1: it is a fraction, 0.05 is 5 %");
+    refused("--max-error 0", "train.max_error = 0 must be above 0");
+    refused("--max-error 0.1 --method belcour", "`belcour` is kept as published");
     refused("--lambda NaN", "train.lambda = NaN must be finite");
     refused("--lambda=-1", "train.lambda = -1 must be finite and not negative");
     refused("--points 60000 --sub-points 200 --size 16", "points of 200 sub-points");

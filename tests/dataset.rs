@@ -260,7 +260,6 @@ fn what_does_not_belong_is_refused_with_the_reason() {
     refused("--paths 8", "--paths 16", &["bake.paths was 8, now it is 16"]);
     refused("", "--seed 9 --max-bounces 3", &["bake.seed was 1, now it is 9", "bake.max_bounces was 32, now it is 3"]);
     refused("--size 24", "--size 32", &["lightmap.size was 24, now it is 32", "texels"]);
-    refused("--points 16", "--points 17", &["points.count was 16, now it is 17", "the measurement points (hash) was"]);
     // Another asset under the same settings.
     fs::write(
         work.path("s.toml"),
@@ -286,6 +285,15 @@ fn what_does_not_belong_is_refused_with_the_reason() {
     // Control: the same settings are taken, whatever the fit is.
     work.succeeds(&format!("{toy} --method belcour --channels multi -o a.relight"));
     assert!(work.shards("a.dataset") == before);
+    // Other points measure the lights anew, and bake nothing.
+    work.succeeds(&format!("{} -o b.relight --dataset a.dataset", toy.replace("--points 16", "--points 17")));
+    work.succeeds(&format!("{} -o c.relight", toy.replace("--points 16", "--points 17")));
+    let direct = PathBuf::from("batch-000/direct.safetensors");
+    let after = work.shards("a.dataset");
+    assert!(after.iter().all(|(name, shard)| (before[name] == *shard) == (*name != direct)));
+    let fresh = work.shards("c.dataset");
+    assert!(after.iter().all(|(name, (bytes, _))| fresh[name].0 == *bytes));
+    assert!(work.bytes("b.relight") == work.bytes("c.relight"));
 }
 
 #[test]

@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use proptest::prelude::*;
+use relight::dataset::Bytes;
 use relight::light::scenario::{Aim, Color, KindWeights, Position, Sky};
 use relight::light::{Light, LightingCondition, Scenario};
 use relight::model::Channels;
 use relight::progress::Silent;
 use relight::scene::{Camera, Lightmap, Tracer, UvPolicy, lay_out};
 use relight::scene_file::{
-    AssetSettings, BakeSettings, LightmapSettings, MaterialPolicy, PointSettings, SceneFile, TrainSettings,
+    AssetSettings, BakeSettings, Conditions, LightmapSettings, MaterialPolicy, PointSettings, SceneFile, TrainSettings,
 };
 use relight::transfer::Method;
 use relight::transport::{self, Integrator, bake, bake_direct};
@@ -135,7 +136,7 @@ fn scene_file() -> impl Strategy<Value = SceneFile> {
             scenario,
             points: PointSettings { count, sub_points },
             bake: BakeSettings {
-                conditions,
+                conditions: if second { Conditions::Auto } else { Conditions::Count(conditions) },
                 held_out,
                 paths,
                 max_bounces,
@@ -151,6 +152,8 @@ fn scene_file() -> impl Strategy<Value = SceneFile> {
                 anchors: sub_points,
                 bits: if multi { 8 } else { 16 },
                 prior: multi,
+                max_error: second.then_some(0.05),
+                max_bytes: multi.then_some(Bytes(sub_points as u64)),
             },
             camera: camera.map(|(eye, target, vertical_fov)| Camera { eye, target, up: Vec3::Y, vertical_fov }),
         }

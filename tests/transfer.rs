@@ -12,7 +12,8 @@ use relight::model::{Basis, Channels, Transfer};
 use relight::progress::Silent;
 use relight::transfer::ridge::Ridge;
 use relight::transfer::{
-    Fit, Gram, HeldOutErrors, Lambda, LocalFit, Method, Precision, Terms, TrainSettings, TransferError,
+    Fit, Gram, HeldOutErrors, Lambda, LocalFit, Method, Precision, Terms, TrainSettings, TransferError, Trial, budget,
+    enough,
 };
 
 /// I = G D + noise with a random transport G of the given rank: direct vectors are `rank` random patterns mixed at random.
@@ -420,4 +421,107 @@ fn degenerate_datasets_have_a_local_basis() {
             assert!(model.errors.transfer.iter().all(|e| e.is_finite()));
         }
     }
+}
+
+/// A trial of a fit on its own points has the fit's held-out errors, and those of a fit with fewer elements as well.
+#[test]
+fn a_trial_has_the_errors_of_the_fit() {
+    let dataset = synthetic(12, 150, 40, 10, 9, 0.3);
+    let gram = Gram::of(&dataset, &Silent).unwrap();
+    for channels in [Channels::Mono, Channels::Multi] {
+        let of = |elements| settings(Method::Linear, channels, elements, Lambda::Relative(1e-3));
+        let fit = Fit::train(&dataset, &gram, of(8)).unwrap();
+        let trial = Trial::of(&fit, &gram, dataset.held_out());
+        let errors = trial.errors(&dataset).unwrap();
+        assert_eq!(errors.len(), 8);
+        for elements in [3, 8] {
+            let expected = self::fit(&dataset, of(elements)).1.transfer;
+            let close = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-9;
+            assert!(errors[elements - 1].iter().zip(&expected).all(close), "{channels:?} {elements}");
+            assert!(!errors[elements - 2].iter().zip(&expected).all(close), "the control");
+        }
+        // The same light at other points.
+        let fewer = at_first_points(&dataset, 5);
+        let refitted = Fit::train(&fewer, &gram, of(8)).unwrap();
+        let expected = HeldOutErrors::of(&refitted, &fewer, &gram).transfer;
+        let errors = &trial.errors(&fewer).unwrap()[7];
+        // The fit's bound on leverage is that of its own points.
+        assert!(errors.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 0.02 * b), "{errors:?} {expected:?}");
+    }
+}
+
+/// The same light, measured at the first points only.
+fn at_first_points(dataset: &Dataset, points: usize) -> Dataset {
+    let row = 3 * dataset.conditions.len();
+    Dataset { direct: dataset.direct[..points * row].to_vec(), ..dataset.clone() }
+}
+
+/// Light of 12 patterns needs 12 points, and is then known up to the noise; 3 points of light that has but 2 patterns are enough.
+#[test]
+fn too_few_points_are_told_with_how_many_would_do() {
+    let asked = |rank: usize, few: usize| {
+        let dataset = synthetic(48, 150, 80, 30, rank, 0.02);
+        let gram = Gram::of(&dataset, &Silent).unwrap();
+        let now = at_first_points(&dataset, few);
+        let fit = Fit::train(&now, &gram, settings(Method::Linear, Channels::Mono, 12, Lambda::LeaveOneOut)).unwrap();
+        let summary = HeldOutErrors::of(&fit, &now, &gram).summary();
+        let measure = |points: usize| Ok::<_, TransferError>(at_first_points(&dataset, points));
+        let means = (summary.mean, summary.oracle_mean);
+        let more = enough::points(&fit, &now, &gram, means, &[2 * few, 4 * few, 8 * few], measure).unwrap();
+        let then = more.map(|more| {
+            let then = at_first_points(&dataset, more.enough);
+            let fit = Fit::train(&then, &gram, fit.settings).unwrap();
+            HeldOutErrors::of(&fit, &then, &gram).summary().mean
+        });
+        (more, then, summary.mean)
+    };
+    let (more, then, now) = asked(12, 4);
+    let (more, then) = (more.unwrap(), then.unwrap());
+    assert!(more.enough >= 12 && then < 0.5 * now, "{more:?} {then} {now}");
+    assert!((more.error - then).abs() < 0.05 * then, "what is foretold comes true: {more:?} {then}");
+    assert_eq!(asked(2, 4).0, None, "the control");
+}
+
+/// Of light of rank 40 twelve conditions of three channels span a part; 400 span it all, and more of them only average the noise.
+#[test]
+fn too_few_conditions_are_told() {
+    let curve = |training: usize| {
+        let dataset = synthetic(60, 150, training, 40, 40, 0.1);
+        let gram = Gram::of(&dataset, &Silent).unwrap();
+        let of = settings(Method::Local, Channels::Mono, 4, Lambda::LeaveOneOut);
+        let fit = Fit::train(&dataset, &gram, of).unwrap();
+        let error = HeldOutErrors::of(&fit, &dataset, &gram).summary().mean;
+        let held_out = enough::curve(&fit, &dataset, &gram, error).unwrap().unwrap();
+        (held_out, enough::curve_of_training(&dataset, &gram, of).unwrap().unwrap())
+    };
+    let ((few, few_training), (many, many_training)) = (curve(24), curve(400));
+    assert!(few.shortage(1 << 16).is_some_and(|more| more.enough > 24 && more.error < 0.9 * few.error), "{few:?}");
+    assert!(few_training.gain() > enough::LEAST_GAIN, "{few_training:?}");
+    assert!(
+        many.shortage(1 << 16).is_none() && many_training.gain() < enough::LEAST_GAIN,
+        "{many:?} {many_training:?}"
+    );
+}
+
+/// Errors by cross-validation are those of held-out conditions, within what 40 of them differ from others.
+#[test]
+fn cross_validation_tells_the_held_out_error() {
+    let dataset = synthetic(24, 150, 120, 40, 12, 0.2);
+    let gram = Gram::of(&dataset, &Silent).unwrap();
+    let of = |elements| settings(Method::Linear, Channels::Mono, elements, Lambda::LeaveOneOut);
+    let measured = [at_first_points(&dataset, 6), dataset.clone()];
+    let estimates = budget::cross_validate(&measured, &gram, of(10)).unwrap();
+    for (dataset, estimates) in measured.iter().zip(&estimates) {
+        for elements in [2, 10] {
+            let fit = Fit::train(dataset, &gram, of(elements)).unwrap();
+            let errors = HeldOutErrors::of(&fit, dataset, &gram).transfer;
+            let (mean, count) = (errors.iter().sum::<f64>() / errors.len() as f64, errors.len() as f64);
+            let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count - 1.0);
+            let estimate = estimates[elements - 1];
+            // Four standard errors of both, and what a fit on a quarter fewer conditions loses.
+            let bound = 4.0 * (variance * (1.0 / 40.0 + 1.0 / 120.0)).sqrt() + 0.1 * mean;
+            assert!((estimate - mean).abs() < bound, "{elements}: {estimate} {mean}");
+        }
+    }
+    assert!(estimates[0][9] > 1.5 * estimates[1][9], "the control: six points tell less, {estimates:?}");
 }

@@ -144,7 +144,8 @@ fn distant(
         return Ok(None);
     }
     let bake = &prepared.scene.bake;
-    let draw = Draw { scenario: &scenario, training: bake.conditions.min(192), held_out: bake.held_out.min(96) };
+    let draw =
+        Draw { scenario: &scenario, training: bake.conditions.first().min(192), held_out: bake.held_out.min(96) };
     let settings = prepared.bake_settings();
     let conditions = draw.conditions(tracer, settings.seed)?;
     let table = LightTable::from_conditions(&conditions, &EmissionFacets::of(&prepared.asset));

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use super::choose::draw;
 use super::pipeline::prepare;
 use super::settings::Overrides;
 use super::{Failure, Reporter};
-use crate::dataset::{Draw, Export};
+use crate::dataset::Export;
 use crate::measure::MeasurementPoints;
 use crate::scene::Tracer;
 use crate::scene_file::SceneFile;
@@ -35,7 +36,7 @@ impl ExportConditions {
         let tracer = Tracer::new(&prepared.asset);
         let (bake, settings) = (&prepared.scene.bake, &prepared.scene.points);
         let points = MeasurementPoints::place(&prepared.asset, settings.count, settings.sub_points, bake.seed)?;
-        let draw = Draw { scenario: &prepared.scene.scenario, training: bake.conditions, held_out: bake.held_out };
+        let draw = draw(&prepared.scene);
         let export = Export {
             asset: &prepared.asset,
             lightmap: &prepared.lightmap,

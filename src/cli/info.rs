@@ -54,6 +54,8 @@ fn model_facts(model: &Model) -> Value {
             "conditions": record.conditions,
             "dropped": record.dropped,
             "lambda": record.lambda,
+            "chosen": super::train::choice_lines(&record.choices),
+            "warnings": record.shortages.iter().map(super::train::shortage_line).collect::<Vec<_>>(),
             "asset hash": record.asset_hash,
         },
         "held-out error": record.held_out,

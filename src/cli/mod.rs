@@ -1,6 +1,7 @@
 //! The command line: one file per command.
 
 pub mod bake;
+pub mod choose;
 pub mod compare;
 pub mod cornell;
 pub mod export_conditions;

@@ -5,11 +5,11 @@ use std::time::Instant;
 
 use glam::Vec3;
 
-use crate::dataset::{Contrast, Dataset, Draw, Job, Reading, Unbaked, identity};
+use crate::dataset::{Contrast, Dataset, Job, Reading, Unbaked, identity};
 use crate::light::{LightingCondition, Scenario};
 use crate::math::Rgb;
 use crate::measure::MeasurementPoints;
-use crate::model::{Basis, HeldOut, Model, Scope, TrainingRecord, Transfer, negative_shares};
+use crate::model::{Basis, Choice, HeldOut, Model, Scope, TrainingRecord, Transfer, negative_shares};
 use crate::progress::Progress;
 use crate::scene::{Asset, Finish, Lightmap, Tracer, lay_out};
 use crate::scene_file::SceneFile;
@@ -18,6 +18,7 @@ use crate::transfer::{
 };
 use crate::transport::{Adjoint, BakeSettings};
 
+use super::choose::{Held, draw};
 use super::storage::{Place, baked_settings};
 use super::{Failure, Reporter};
 
@@ -26,6 +27,16 @@ pub struct Prepared {
     pub scene: SceneFile,
     pub asset: Asset,
     pub lightmap: Lightmap,
+    /// Settings that were chosen for the user.
+    pub choices: Vec<Choice>,
+}
+
+/// A dataset with what all fits need of it.
+pub struct Ready {
+    pub points: MeasurementPoints,
+    pub dataset: Dataset,
+    pub gram: Gram,
+    pub bake_seconds: f64,
 }
 
 /// A trained model with what it was trained from.
@@ -61,7 +72,7 @@ pub fn prepare(scene: SceneFile, place: &str, reporter: &Reporter) -> Result<Pre
              lightmap.size parts them, and lightmap.uv = \"unwrap\" cuts charts along walls"
         ));
     }
-    Ok(Prepared { scene, asset, lightmap })
+    Ok(Prepared { scene, asset, lightmap, choices: Vec::new() })
 }
 
 impl Prepared {
@@ -72,7 +83,7 @@ impl Prepared {
         })?;
         scene.check(&place.display().to_string())?;
         let lightmap = Lightmap::open(&Tracer::new(&model.asset), scene.lightmap.size as usize);
-        Ok(Self { scene, asset: model.asset.clone(), lightmap })
+        Ok(Self { scene, asset: model.asset.clone(), lightmap, choices: model.record.choices.clone() })
     }
 
     /// What lays this lightmap's values out over the page.
@@ -87,7 +98,7 @@ impl Prepared {
 
     /// Places points, draws conditions and bakes those that the dataset's folder does not have; or reads what another renderer
     /// rendered.
-    fn dataset(
+    pub(super) fn dataset(
         &self,
         tracer: &Tracer,
         place: &Place,
@@ -96,14 +107,14 @@ impl Prepared {
         let (settings, bake) = (&self.scene.points, &self.scene.bake);
         let points = MeasurementPoints::place(&self.asset, settings.count, settings.sub_points, bake.seed)?;
         if let Some(rendered) = &place.rendered {
-            let (training, held_out) = (bake.conditions, bake.held_out);
+            let (training, held_out) = (bake.conditions.first(), bake.held_out);
             let (lightmap, memory) = (&self.lightmap, place.memory);
             let reading = Reading { tracer, lightmap, points: &points, training, held_out, memory };
             reporter.keeps_in(&place.folder);
             let dataset = rendered.dataset(&reading, &place.folder, reporter)?;
             return Ok((points, dataset));
         }
-        let draw = Draw { scenario: &self.scene.scenario, training: bake.conditions, held_out: bake.held_out };
+        let draw = draw(&self.scene);
         let conditions = draw.conditions(tracer, bake.seed)?;
         let dataset = self.bake(&self.scene, tracer, &points, conditions, draw.training, place, reporter)?;
         Ok((points, dataset))
@@ -127,38 +138,41 @@ impl Prepared {
             lightmap: &self.lightmap,
             points,
             settings: &settings,
-            identity: &identity(baked_settings(scene), &self.asset.hash(), &self.lightmap, points),
+            identity: &identity(baked_settings(scene), &self.asset.hash(), &self.lightmap),
             memory: place.memory,
         };
         reporter.keeps_in(&place.folder);
         Ok(Dataset::in_folder(&place.folder, &job, conditions, training, reporter)?)
     }
 
+    /// Chooses what is to be chosen, bakes and trains.
+    pub fn choose_and_train(&mut self, place: &Place, held: Held, reporter: &Reporter) -> Result<Trained, Failure> {
+        let ready = self.choose(place, held, reporter)?;
+        self.train_from(ready, place, reporter)
+    }
+
     /// Bakes and trains.
     pub fn train(&self, place: &Place, reporter: &Reporter) -> Result<Trained, Failure> {
-        let start = Instant::now();
-        let (all, elements) = (self.scene.bake.conditions, self.scene.train.elements());
+        self.train_from(None, place, reporter)
+    }
+
+    fn train_from(&self, ready: Option<Ready>, place: &Place, reporter: &Reporter) -> Result<Trained, Failure> {
+        let (all, elements) = (self.scene.bake.conditions.first(), self.scene.train.elements());
         if all < elements {
             return Err(TransferError::TooFewConditions { kept: all, all, elements }.into());
         }
         place.check_training(&self.scene, self.lightmap.texels.len())?;
         let tracer = Tracer::new(&self.asset);
-        let (points, dataset) = self.dataset(&tracer, place, reporter)?;
-        let bake_seconds = start.elapsed().as_secs_f64();
+        let ready = ready.map_or_else(|| self.ready(&tracer, place, reporter), Ok)?;
+        let Ready { points, dataset, gram, bake_seconds } = ready;
         let start = Instant::now();
-        let gram = Gram::of(&dataset, reporter)?;
-        let train = &self.scene.train;
-        let settings = TrainSettings {
-            method: train.method,
-            channels: train.channels,
-            elements: train.elements(),
-            lambda: train.lambda_for(train.method),
-        };
+        let settings = self.train_settings();
         let fit = Fit::train(&dataset, &gram, settings)?;
         if fit.dropped > 0 {
             reporter
                 .note(&format!("{} of {} conditions light nothing and were dropped", fit.dropped, dataset.training));
         }
+        let train = &self.scene.train;
         let fit = if train.prior && train.method != Method::Belcour {
             let prior = self.prior(&self.scene.scenario, &fit, &tracer, &points, &dataset, reporter)?;
             fit.with_prior(&dataset, &prior)?
@@ -175,7 +189,8 @@ impl Prepared {
             }
         };
         let negative = self.negative(&basis, &transfer, &dataset);
-        let (record, scope) = self.record(&tracer, &points, &dataset, &fit, &errors, negative)?;
+        let (mut record, scope) = self.record(&tracer, &points, &dataset, &fit, &errors, negative)?;
+        record.shortages = self.shortages(&tracer, place, (&fit, &errors), (&dataset, &gram))?;
         let model = Model { asset: self.asset.clone(), points, basis, transfer, scope, record };
         let train_seconds = start.elapsed().as_secs_f64();
         let paths = place.rendered.as_ref().map_or(self.scene.bake.paths, |r| r.samples().unwrap_or(0));
@@ -283,6 +298,8 @@ impl Prepared {
                 negative,
             },
             separation: separation.unwrap_or_default(),
+            choices: self.choices.clone(),
+            shortages: Vec::new(),
         };
         Ok((record, scope))
     }

@@ -3,10 +3,11 @@
 use clap::Args;
 
 use super::Failure;
-use crate::dataset::Rendered;
+use super::choose::Held;
+use crate::dataset::{Bytes, Rendered};
 use crate::model::Channels;
 use crate::scene::UvPolicy;
-use crate::scene_file::{MaterialPolicy, SceneFile};
+use crate::scene_file::{Conditions, MaterialPolicy, SceneFile};
 use crate::transfer::Method;
 use crate::transport::Integrator;
 
@@ -20,9 +21,9 @@ pub struct Overrides {
     /// Where the lightmap's charts come from
     #[arg(long)]
     pub uv: Option<UvPolicy>,
-    /// Lighting conditions to train on
-    #[arg(long)]
-    pub conditions: Option<usize>,
+    /// Lighting conditions to train on; auto: twice as many as long as that lowers the error by 5 %
+    #[arg(long, value_name = "N|auto")]
+    pub conditions: Option<Conditions>,
     /// Conditions held out to test on
     #[arg(long)]
     pub held_out: Option<usize>,
@@ -65,6 +66,13 @@ pub struct Overrides {
     /// Ridge, relative to trace(DDᵀ)/P
     #[arg(long)]
     pub lambda: Option<f64>,
+    /// Largest mean error on held-out lights, a fraction: the smallest model that reaches it is chosen, and status 1 tells where
+    /// none does
+    #[arg(long, value_name = "FRACTION")]
+    pub max_error: Option<f64>,
+    /// Most bytes that a run time loads for indirect light, such as 4MiB: the model of the least error that fits is chosen
+    #[arg(long, value_name = "BYTES")]
+    pub max_bytes: Option<Bytes>,
     /// All randomness comes from this number
     #[arg(long)]
     pub seed: Option<u64>,
@@ -78,9 +86,14 @@ impl Overrides {
     /// lightmaps are as their renderer left them, unless they are to be filtered.
     pub fn take(&self, scene: &mut SceneFile, rendered: &Rendered) {
         let (training, held_out) = rendered.counts();
-        scene.bake.conditions = self.conditions.unwrap_or(training);
+        scene.bake.conditions = self.conditions.unwrap_or(Conditions::Count(training));
         scene.bake.held_out = self.held_out.unwrap_or(held_out);
         scene.bake.denoise = Some(self.denoise.unwrap_or(false));
+    }
+
+    /// Sizes that are given here are not chosen from a budget.
+    pub fn held(&self) -> Held {
+        Held { basis: self.basis.is_some(), anchors: self.anchors.is_some(), points: self.points.is_some() }
     }
 
     /// Applies the overrides to `scene` and checks the result; `place` names the scene in an error.
@@ -111,6 +124,12 @@ impl Overrides {
         }
         if self.denoise.is_some() {
             scene.bake.denoise = self.denoise;
+        }
+        if self.max_error.is_some() {
+            scene.train.max_error = self.max_error;
+        }
+        if self.max_bytes.is_some() {
+            scene.train.max_bytes = self.max_bytes;
         }
         if self.lambda.is_some() {
             scene.train.lambda = self.lambda;

@@ -48,13 +48,14 @@ impl Place {
     /// Refuses a run whose training would not fit, on `texels` covered texels.
     pub fn check_training(&self, scene: &SceneFile, texels: usize) -> Result<(), Failure> {
         let (bake, train) = (&scene.bake, &scene.train);
-        let all = bake.conditions + bake.held_out;
+        let training = bake.conditions.first();
+        let all = training + bake.held_out;
         let fit = transfer::bytes_needed(&transfer::Extent {
             method: train.method,
             channels: train.channels,
             elements: train.elements(),
             anchors: train.anchors,
-            training: bake.conditions,
+            training,
             conditions: all,
             points: scene.points.count,
             sub_points: if train.prior { scene.points.count * scene.points.sub_points } else { 0 },
@@ -64,7 +65,7 @@ impl Place {
         let needed = Bytes(Bytes::resident().0 + slack() + fit);
         let so_far = Bytes(Bytes::peak().unwrap_or(0));
         let (what, needed, lower) = if needed > self.memory {
-            let what = format!("training on {} conditions and {} held out", bake.conditions, bake.held_out);
+            let what = format!("training on {training} conditions and {} held out", bake.held_out);
             (what, needed, "--conditions, --basis or --size")
         } else if so_far > self.memory {
             ("reading the asset and laying out its lightmap".to_owned(), so_far, "--size")
@@ -82,7 +83,6 @@ pub fn baked_settings(scene: &SceneFile) -> Identity {
     let rooms = [
         ("lightmap", serde_json::to_value(&scene.lightmap)),
         ("scenario", serde_json::to_value(&scene.scenario)),
-        ("points", serde_json::to_value(&scene.points)),
         ("bake", serde_json::to_value(&scene.bake)),
     ];
     for (name, value) in rooms {
@@ -114,6 +114,7 @@ fn flatten(name: &str, value: &Value, into: &mut Identity) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene_file::Conditions;
 
     #[test]
     fn another_image_in_an_environments_file_is_another_dataset() {
@@ -130,7 +131,7 @@ mod tests {
         assert_ne!(with("one"), with("two"));
         // What changes no bit of the bake changes nothing.
         let mut more = scene.clone();
-        (more.bake.conditions, more.bake.denoise) = (7, Some(false));
+        (more.bake.conditions, more.bake.denoise) = (Conditions::Count(7), Some(false));
         assert_eq!(baked_settings(&more), baked_settings(&scene));
     }
 }

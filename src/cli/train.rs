@@ -11,6 +11,7 @@ use super::settings::Overrides;
 use super::storage::Storage;
 use super::{Failure, Reporter};
 use crate::dataset::Bytes;
+use crate::model::{Choice, Shortage};
 use crate::report::figures as pictures;
 use crate::scene::Tracer;
 use crate::scene_file::SceneFile;
@@ -46,17 +47,29 @@ impl Train {
             self.overrides.take(&mut scene, rendered);
         }
         place.check_training(&scene, 0)?;
-        let prepared = prepare(scene, &name, reporter)?;
+        let mut prepared = prepare(scene, &name, reporter)?;
         let output = self.output.clone().unwrap_or_else(|| default_output(&prepared.asset.name));
         super::check_output(&output)?;
-        let trained = prepared.train(&self.storage.place(&output)?, reporter)?;
+        let budget = prepared.scene.train.budget();
+        let trained = prepared.choose_and_train(&self.storage.place(&output)?, self.overrides.held(), reporter)?;
         let bytes = trained.model.save(&output)?;
         if let Some(folder) = &self.debug_images {
             write_debug_images(folder, &prepared, &trained)?;
         }
         let figures = figures(&trained, bytes, start.elapsed().as_secs_f64());
         print_summary(&trained, &output, bytes);
-        super::write_json(json, &figures)
+        super::write_json(json, &figures)?;
+        // The best there is was trained and written; whoever asked for less error should know, scripts too.
+        let mean = trained.model.record.held_out.mean;
+        match budget.max_error {
+            Some(most) if mean > most => Err(Failure::Work(format!(
+                "{}: its error is {:.2} %, over --max-error {most}; allow more bytes or error, or bake more (--conditions auto, \
+                 --paths)",
+                output.display(),
+                100.0 * mean
+            ))),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -105,6 +118,8 @@ pub fn figures(trained: &Trained, model_bytes: u64, total_seconds: f64) -> serde
         "separation": record.separation,
         "lambda": record.lambda,
         "prior": record.prior,
+        "choices": record.choices,
+        "shortages": record.shortages,
         "anchors": trained.model.basis.anchors.as_ref().map(|a| a.count),
         "bytes_per_texel": trained.model.basis.bytes_per_texel(),
         "condition_number": trained.fit.condition_number,
@@ -114,6 +129,28 @@ pub fn figures(trained: &Trained, model_bytes: u64, total_seconds: f64) -> serde
         "peak_bytes": Bytes::peak(),
         "model_bytes": model_bytes,
     })
+}
+
+/// What was chosen: a line for all that was chosen for one reason.
+pub fn choice_lines(choices: &[Choice]) -> Vec<String> {
+    let of_one_reason = choices.chunk_by(|a, b| a.why == b.why).map(|same| {
+        let settings: Vec<String> = same.iter().map(|c| format!("{} = {}", c.setting, c.value)).collect();
+        format!("{} ({})", settings.join(", "), same[0].why)
+    });
+    of_one_reason.collect()
+}
+
+/// What more of would lower the error, in one line.
+pub fn shortage_line(shortage: &Shortage) -> String {
+    let Shortage { setting, count, enough, error } = shortage;
+    let (what, option) = match setting.as_str() {
+        "points.count" => ("measurement points", "--points"),
+        _ => ("conditions", "--conditions"),
+    };
+    let percent = 100.0 * error;
+    format!(
+        "warning: {count} {what} are too few: with {enough} the error would be about {percent:.1} % ({option} {enough})"
+    )
 }
 
 /// The summary on stdout.
@@ -142,6 +179,10 @@ pub fn print_summary(trained: &Trained, output: &Path, bytes: u64) {
         held_out.noise.map_or("not known".to_owned(), percent)
     );
     println!("  negative light, clamped when shown: {} of the norm", percent(held_out.negative));
+    choice_lines(&record.choices).iter().for_each(|line| println!("  chosen: {line}"));
+    for shortage in &record.shortages {
+        println!("  {}", shortage_line(shortage));
+    }
     if let Some(weakest) = record.separation.iter().min_by(|a, b| a.auc.total_cmp(&b.auc)) {
         let kinds: Vec<&str> = record.separation.iter().map(|s| s.kind.as_str()).collect();
         println!(

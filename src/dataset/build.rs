@@ -12,6 +12,9 @@ use crate::transport::{self, BakeError, BakeSettings};
 /// as they are.
 const HELD_OUT_STREAM: u64 = 0x6865_6c64_5f6f_7574;
 
+/// Conditions that [`Dataset::measured_at`] measures at once.
+const AT_ONCE: usize = 64;
+
 /// How many conditions of which scenario.
 #[derive(Clone, Copy, Debug)]
 pub struct Draw<'s> {
@@ -55,5 +58,19 @@ impl Dataset {
             noise: baked.noise,
             conditions,
         })
+    }
+
+    /// The same light, measured at other points. Some conditions at a time, since every sub-point has a value for each.
+    pub fn measured_at(&self, tracer: &Tracer, points: &MeasurementPoints) -> Self {
+        let emission = EmissionFacets::of(tracer.asset());
+        let n = self.conditions.len();
+        let mut direct = vec![0f32; points.points.len() * 3 * n];
+        for (part, conditions) in self.conditions.chunks(AT_ONCE).enumerate() {
+            let measured = points.direct_matrix(tracer, &LightTable::from_conditions(conditions, &emission));
+            let columns = part * AT_ONCE..part * AT_ONCE + conditions.len();
+            let rows = direct.chunks_exact_mut(n).zip(measured.chunks_exact(conditions.len()));
+            rows.for_each(|(row, measured)| row[columns.clone()].copy_from_slice(measured));
+        }
+        Self { direct, ..self.clone() }
     }
 }

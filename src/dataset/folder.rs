@@ -125,7 +125,7 @@ impl Dataset {
         progress: &dyn Progress,
     ) -> Result<Self, DatasetError> {
         let texels = job.lightmap.texels.len();
-        let wanted = Manifest::new(job.identity.clone(), texels, job.points.points.len());
+        let wanted = Manifest::new(job.identity.clone(), texels);
         let mut store = Store::open(folder, wanted, job.lightmap)?;
         store.add(&conditions, training, job.most_conditions(&conditions, slack())?)?;
         // Resident memory differs a little from run to run: batches that one began, the next can go on with.
@@ -369,14 +369,15 @@ impl Store {
         Ok(direct)
     }
 
-    /// Writes D of a batch, unless it is there.
+    /// Writes D of a batch, unless it is there: it may be that of other points.
     pub fn write_direct(&self, batch: usize, direct: &[f32]) -> Result<(), DatasetError> {
         let path = batch_folder(&self.folder, batch).join(DIRECT);
-        if path.exists() {
+        let n = self.manifest.batches[batch].conditions.len();
+        let bytes = encode(&[("direct", Dtype::F32, vec![direct.len() / (3 * n), 3, n], bytemuck::cast_slice(direct))]);
+        if std::fs::read(&path).is_ok_and(|there| there == bytes) {
             return Ok(());
         }
-        let shape = vec![self.manifest.points, 3, self.manifest.batches[batch].conditions.len()];
-        write_tensors(&path, &[("direct", Dtype::F32, shape, bytemuck::cast_slice(direct))])
+        write_whole(&path, &bytes).map_err(unwritable(&path))
     }
 }
 
@@ -413,12 +414,15 @@ fn write_texels(path: &Path, lightmap: &Lightmap) -> Result<(), DatasetError> {
     )
 }
 
-pub(super) fn write_tensors(path: &Path, tensors: &[(&str, Dtype, Vec<usize>, &[u8])]) -> Result<(), DatasetError> {
+fn encode(tensors: &[(&str, Dtype, Vec<usize>, &[u8])]) -> Vec<u8> {
     let views = tensors.iter().map(|(name, dtype, shape, bytes)| {
         (*name, TensorView::new(*dtype, shape.clone(), bytes).expect("our own shapes"))
     });
-    let bytes = safetensors::serialize(views, None).expect("tensors of our own making serialise");
-    write_whole(path, &bytes).map_err(unwritable(path))
+    safetensors::serialize(views, None).expect("tensors of our own making serialise")
+}
+
+pub(super) fn write_tensors(path: &Path, tensors: &[(&str, Dtype, Vec<usize>, &[u8])]) -> Result<(), DatasetError> {
+    write_whole(path, &encode(tensors)).map_err(unwritable(path))
 }
 
 impl Shards {

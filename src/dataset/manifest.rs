@@ -13,15 +13,15 @@ use crate::measure::MeasurementPoints;
 use crate::scene::Lightmap;
 
 /// Raised whenever a folder of the old shape would be misread.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// Raised whenever a bake from the same settings gives other bits than before, so that no dataset mixes the two.
 const BAKE: u32 = 2;
 
 pub(super) const FILE: &str = "manifest.json";
 
-/// Everything that D and I depend on but the conditions themselves, by name: settings as they are called in a scene file, and
-/// hashes.
+/// Everything that I depends on but the conditions themselves, by name: settings as they are called in a scene file, and hashes.
+/// The points are no part of it: D is measured when a dataset is opened.
 pub type Identity = BTreeMap<String, String>;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -34,8 +34,6 @@ pub(super) struct Manifest {
     pub texels: usize,
     /// Texels of a shard; the last has the rest.
     pub tile: usize,
-    /// P, measurement points.
-    pub points: usize,
     pub batches: Vec<Batch>,
 }
 
@@ -52,9 +50,9 @@ pub(super) struct Entry {
 }
 
 impl Manifest {
-    pub fn new(identity: Identity, texels: usize, points: usize) -> Self {
+    pub fn new(identity: Identity, texels: usize) -> Self {
         let program = env!("CARGO_PKG_VERSION").to_owned();
-        Self { format: FORMAT, program, identity, texels, tile: crate::transport::TILE, points, batches: Vec::new() }
+        Self { format: FORMAT, program, identity, texels, tile: crate::transport::TILE, batches: Vec::new() }
     }
 
     /// The manifest in `folder`, or `None` where there is none.
@@ -101,7 +99,6 @@ impl Manifest {
         for (name, old, new) in [
             ("the number of texels", self.texels, wanted.texels),
             ("the number of texels in a shard", self.tile, wanted.tile),
-            ("the number of points", self.points, wanted.points),
         ] {
             if old != new {
                 lines.push(format!("{name} was {old}, now it is {new}"));
@@ -147,7 +144,7 @@ pub(super) fn key(lights: &[Light]) -> String {
 }
 
 /// A dataset's identity: `settings` and the hashes of what they lead to.
-pub fn identity(settings: Identity, asset: &str, lightmap: &Lightmap, points: &MeasurementPoints) -> Identity {
+pub fn identity(settings: Identity, asset: &str, lightmap: &Lightmap) -> Identity {
     let mut texels = blake3::Hasher::new();
     for texel in &lightmap.texels {
         texels.update(&texel.index.to_le_bytes()).update(&texel.area.to_le_bytes());
@@ -155,7 +152,6 @@ pub fn identity(settings: Identity, asset: &str, lightmap: &Lightmap, points: &M
     let mut all = settings;
     all.insert("the asset's geometry, layout or materials (hash)".into(), asset.to_owned());
     all.insert("the lightmap's texels (hash)".into(), texels.finalize().to_hex().to_string());
-    all.insert("the measurement points (hash)".into(), points_hash(points));
     all.insert("the program's way to bake".into(), BAKE.to_string());
     all
 }

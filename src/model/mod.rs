@@ -15,7 +15,7 @@ pub use negative::negative_shares;
 pub use picture::Picture;
 #[cfg(feature = "train")]
 pub use picture::PictureError;
-pub use record::{HeldOut, Separation, TrainingRecord};
+pub use record::{Choice, HeldOut, Separation, Shortage, TrainingRecord};
 pub use scope::{Reading, Scope};
 pub use view::{Shown, View, ViewError};
 

@@ -21,6 +21,30 @@ pub struct TrainingRecord {
     pub held_out: HeldOut,
     /// Per kind of light that the scenario does not have, the chance that one of them reads more novel than a held-out light.
     pub separation: Vec<Separation>,
+    /// Settings that were chosen for the user.
+    pub choices: Vec<Choice>,
+    /// What more of would lower the error.
+    pub shortages: Vec<Shortage>,
+}
+
+/// A setting that was chosen, by its name in scene files, and why so.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Choice {
+    pub setting: String,
+    pub value: String,
+    pub why: String,
+}
+
+/// A count that is the limit of a model's error.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Shortage {
+    /// By its name in scene files.
+    pub setting: String,
+    pub count: usize,
+    /// What would do: twice as many would gain little more, or were not tried.
+    pub enough: usize,
+    /// Mean held-out error that is to be expected of it, a fraction.
+    pub error: f64,
 }
 
 /// How well a model's [`super::Scope`] tells a kind of light from the scenario's held-out lights.

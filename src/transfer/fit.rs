@@ -123,15 +123,30 @@ impl Fit {
     /// # Errors
     /// [`TransferError::TooFewConditions`] when fewer conditions than basis elements are usable.
     pub fn train(dataset: &Dataset, gram: &Gram, settings: TrainSettings) -> Result<Self, TransferError> {
+        Self::train_on(dataset, gram, 0..dataset.training, settings)
+    }
+
+    /// The same, on some of the training conditions.
+    ///
+    /// # Errors
+    /// As [`Self::train`].
+    pub fn train_on(
+        dataset: &Dataset,
+        gram: &Gram,
+        conditions: impl IntoIterator<Item = usize>,
+        settings: TrainSettings,
+    ) -> Result<Self, TransferError> {
         let TrainSettings { method, channels, elements, lambda } = settings;
         let groups = groups(channels);
         let lit = |condition: &usize| {
             let seen = groups.iter().any(|group| direct_vector(dataset, group, *condition).iter().any(|&x| x != 0.0));
             seen && gram.is_lit(*condition)
         };
-        let kept: Vec<usize> = (0..dataset.training).filter(lit).collect();
+        let conditions: Vec<usize> = conditions.into_iter().collect();
+        let all = conditions.len();
+        let kept: Vec<usize> = conditions.into_iter().filter(lit).collect();
         if kept.len() < elements.max(1) {
-            return Err(TransferError::TooFewConditions { kept: kept.len(), all: dataset.training, elements });
+            return Err(TransferError::TooFewConditions { kept: kept.len(), all, elements });
         }
         let n = kept.len();
         let direct: Vec<Mat<f64>> = groups
@@ -200,7 +215,7 @@ impl Fit {
         Ok(Self {
             settings,
             lambda: ridges.first().map_or(0.0, |r| relative(r) / r.mean_square.max(f64::MIN_POSITIVE)),
-            dropped: dataset.training - n,
+            dropped: all - n,
             singular_values,
             prior: false,
             condition_number: ridges.iter().map(Ridge::condition_number).fold(1.0, f64::max),

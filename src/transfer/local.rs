@@ -97,8 +97,7 @@ impl Terms {
             values[first..first + rows.len()].iter_mut().zip(rows).for_each(|(v, &row)| *v = row as f32);
         })?;
         // More anchors where there is more light to be wrong about.
-        let norm = |row: &[f32]| row.iter().map(|&v| (v as f64).powi(2)).sum::<f64>().sqrt() as f32;
-        let weights: Vec<f32> = values.par_chunks_exact((components * count).max(1)).map(norm).collect();
+        let weights = norms(&values, components * count);
         Ok(Self {
             values,
             count,
@@ -109,6 +108,28 @@ impl Terms {
         })
     }
 
+    /// At most about `most` of the texels, evenly spread, with `anchors` anchors of their own.
+    pub fn thinned(&self, spots: &[(Vec3, Vec3)], most: usize, anchors: usize) -> Self {
+        let stride = self.areas.len().div_ceil(most.max(1)).max(1);
+        let row = self.components * self.count;
+        let kept = || (0..self.areas.len()).step_by(stride);
+        let values: Vec<f32> = kept().flat_map(|t| &self.values[t * row..(t + 1) * row]).copied().collect();
+        let spots: Vec<(Vec3, Vec3)> = kept().map(|t| spots[t]).collect();
+        Self {
+            anchors: anchors::place(&spots, &norms(&values, row), anchors),
+            values,
+            areas: kept().map(|t| self.areas[t]).collect(),
+            predictors: self.predictors.clone(),
+            ..*self
+        }
+    }
+
+    /// What n channels a texel leave of these terms after some passes, relative to them: Σ a |F − b W|² / Σ a |F|².
+    pub fn residual(&self, channels: usize, passes: usize) -> f64 {
+        let Alternation { frames, mut values, energy, .. } = alternate(self, channels, passes);
+        fit_texels(self, &frames, &mut values, None) / energy.max(f64::MIN_POSITIVE)
+    }
+
     /// F of one texel and component.
     fn row(&self, row: usize) -> &[f32] {
         &self.values[row * self.count..(row + 1) * self.count]
@@ -117,6 +138,12 @@ impl Terms {
     fn rows(&self) -> usize {
         self.areas.len() * self.components
     }
+}
+
+/// Norm of each `row` of values.
+fn norms(values: &[f32], row: usize) -> Vec<f32> {
+    let norm = |row: &[f32]| row.iter().map(|&v| (v as f64).powi(2)).sum::<f64>().sqrt() as f32;
+    values.par_chunks_exact(row.max(1)).map(norm).collect()
 }
 
 /// W with what is derived from it.
@@ -168,25 +195,9 @@ impl Frames {
 impl LocalFit {
     /// Fits n `channels` a texel to `terms`.
     pub fn train(terms: &Terms, channels: usize, precision: Precision) -> Self {
-        let (n, anchors) = (channels, terms.anchors.count);
-        // All frames start as the first n terms.
-        let start = Mat::from_fn(anchors * n, terms.count, |row, term| if row % n == term { 1.0 } else { 0.0 });
-        let mut frames = Frames::new(start.as_ref(), n);
-        let mut values = vec![0f32; terms.rows() * n];
-        let energy: f64 = (0..terms.rows())
-            .map(|row| {
-                terms.areas[row / terms.components] as f64
-                    * terms.row(row).iter().map(|&f| (f as f64).powi(2)).sum::<f64>()
-            })
-            .sum();
-        let mut losses = Vec::new();
-        for _ in 0..PASSES {
-            losses.push(fit_texels(terms, &frames, &mut values, None) / energy.max(f64::MIN_POSITIVE));
-            scale_to(&mut values, n, |column| {
-                (column.map(|v| (v as f64).powi(2)).sum::<f64>() / terms.rows().max(1) as f64).sqrt()
-            });
-            frames = Frames::new(fit_frames(terms, n, &values).0.as_ref(), n);
-        }
+        let n = channels;
+        let Alternation { frames, mut values, energy, mut losses } = alternate(terms, n, PASSES);
+        let mut frames = frames;
         // What is stored is made from these frames, and the frames anew from what is stored.
         losses.push(fit_texels(terms, &frames, &mut values, None) / energy.max(f64::MIN_POSITIVE));
         let peaks = scale_to(&mut values, n, |column| column.fold(0f32, |peak, v| peak.max(v.abs())) as f64);
@@ -299,6 +310,40 @@ impl LocalFit {
         let size = page.isqrt();
         Basis { size, elements: n, components, values, anchors: Some(anchors) }
     }
+}
+
+/// What the alternation came to.
+struct Alternation {
+    frames: Frames,
+    /// b, scaled; to be fitted once more to `frames`.
+    values: Vec<f32>,
+    /// Σ a |F|².
+    energy: f64,
+    /// Of each pass, relative to the energy.
+    losses: Vec<f64>,
+}
+
+/// Fits channels and frames in turns.
+fn alternate(terms: &Terms, n: usize, passes: usize) -> Alternation {
+    let anchors = terms.anchors.count;
+    // All frames start as the first n terms.
+    let start = Mat::from_fn(anchors * n, terms.count, |row, term| if row % n == term { 1.0 } else { 0.0 });
+    let mut frames = Frames::new(start.as_ref(), n);
+    let mut values = vec![0f32; terms.rows() * n];
+    let energy: f64 = (0..terms.rows())
+        .map(|row| {
+            terms.areas[row / terms.components] as f64 * terms.row(row).iter().map(|&f| (f as f64).powi(2)).sum::<f64>()
+        })
+        .sum();
+    let mut losses = Vec::new();
+    for _ in 0..passes {
+        losses.push(fit_texels(terms, &frames, &mut values, None) / energy.max(f64::MIN_POSITIVE));
+        scale_to(&mut values, n, |column| {
+            (column.map(|v| (v as f64).powi(2)).sum::<f64>() / terms.rows().max(1) as f64).sqrt()
+        });
+        frames = Frames::new(fit_frames(terms, n, &values).0.as_ref(), n);
+    }
+    Alternation { frames, values, energy, losses }
 }
 
 /// Planes of terms that are finished at a time.

@@ -5,6 +5,8 @@
 //! without touching a lightmap again, and only the chosen basis is expanded to texels ([`Fit::expand`]). A local basis ([`LocalFit`]) starts from there.
 
 pub mod anchors;
+pub mod budget;
+pub mod enough;
 pub mod error;
 pub mod fit;
 pub mod gram;
@@ -13,16 +15,19 @@ pub mod prior;
 pub mod ridge;
 pub mod scope;
 mod small;
+pub mod trial;
 
 use crate::dataset::ROWS;
 use crate::model::Channels;
 
+pub use budget::{Budget, Candidate, Size};
 pub use error::{ErrorSummary, HeldOutErrors};
 pub use fit::{Fit, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings};
 pub use gram::Gram;
 pub use local::{LocalFit, Precision, Terms};
 pub use prior::{Prior, PriorSums};
 pub use scope::fit_scope;
+pub use trial::Trial;
 
 /// What a training run is made of, as far as its memory goes.
 #[derive(Clone, Copy, Debug)]
@@ -79,7 +84,12 @@ pub fn bytes_needed(extent: &Extent) -> u64 {
         (0, _) | (_, Method::Belcour) => 0,
         (sub_points, _) => tile + 2 * 8 * vectors * terms + prior::bytes_needed(terms, sub_points as u64, points),
     };
-    gram + making.max(fit).max(basis).max(scope).max(prior)
+    // So do they while more points and fewer conditions are tried: D at four times the points as floats and in ridges, and a fit
+    // on half of the conditions.
+    let (tried, rank) = (4 * points, (4 * points).min(training));
+    let direct = 4 * 3 * tried * 2 * extent.conditions as u64 + 3 * 8 * (2 * tried * training + 4 * rank * rank);
+    let trial = halves + 2 * 8 * terms * (2 * vectors + 3 * extent.conditions as u64) + direct.max(fit / 4);
+    gram + making.max(fit).max(basis).max(scope).max(prior).max(trial)
 }
 
 #[derive(Debug, thiserror::Error)]

@@ -208,6 +208,8 @@ pub fn model(channels: Channels, elements: usize, mean_scaled_by_norm: bool) -> 
                 negative: 0.0,
             },
             separation: Vec::new(),
+            choices: Vec::new(),
+            shortages: Vec::new(),
         },
     }
 }

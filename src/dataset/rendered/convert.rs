@@ -143,8 +143,8 @@ impl Rendered {
     ) -> Result<Store, DatasetError> {
         let (lightmap, n) = (reading.lightmap, selected.len());
         let settings = Identity::from([("the rendered files (hash)".to_owned(), content)]);
-        let identity = identity(settings, &self.manifest.asset_hash, lightmap, reading.points);
-        let wanted = Manifest::new(identity, lightmap.texels.len(), reading.points.points.len());
+        let identity = identity(settings, &self.manifest.asset_hash, lightmap);
+        let wanted = Manifest::new(identity, lightmap.texels.len());
         let most = reading.most_conditions(n)?;
         let mut store = Store::renew(shards, wanted, lightmap, |found| {
             let sizes = found.batches.iter().map(|b| b.conditions.len());
