@@ -182,25 +182,6 @@ impl Prepared {
         Ok(Trained { model, dataset, gram, fit, errors, paths, bake_seconds, train_seconds })
     }
 
-    /// What paths from the texels tell of every fit to a dataset of `scenario`, if it is asked for.
-    pub fn prior_of_all(
-        &self,
-        scenario: &Scenario,
-        tracer: &Tracer,
-        points: &MeasurementPoints,
-        (dataset, gram): (&Dataset, &Gram),
-        reporter: &Reporter,
-    ) -> Result<Option<Prior>, Failure> {
-        let train = &self.scene.train;
-        if !train.prior {
-            return Ok(None);
-        }
-        let (method, lambda) = (Method::Local, train.lambda_for(Method::Local));
-        let settings = TrainSettings { method, channels: train.channels, elements: 1, lambda };
-        let fit = Fit::train(dataset, gram, settings)?;
-        Ok(Some(self.prior(scenario, &fit, tracer, points, dataset, reporter)?))
-    }
-
     /// What paths from the texels tell of the transfer of `fit`, trained on a dataset of `scenario`.
     fn prior(
         &self,

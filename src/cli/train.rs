@@ -11,7 +11,7 @@ use super::settings::Overrides;
 use super::storage::Storage;
 use super::{Failure, Reporter};
 use crate::dataset::Bytes;
-use crate::report::figures as pictures;
+use crate::report::pictures;
 use crate::scene::Tracer;
 use crate::scene_file::SceneFile;
 
