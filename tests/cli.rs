@@ -343,17 +343,44 @@ fn train_takes_scene_files_and_assets() {
 
 fn compare_writes_its_report() {
     let work = Work::with_model();
-    let stdout = work.succeeds("compare model.relight -o report --reference-paths 1 --json rows.json", &[]);
+    let stdout = work.succeeds("compare model.relight -o report --reference-paths 1 --seeds 2 --json rows.json", &[]);
     assert!(stdout.contains("mean relative RMSE on held-out lights, as trained"), "{stdout}");
     let files = work.files();
-    for name in ["report.html", "errors.csv", "views.csv", "comparison.json", "images"] {
+    let data = "errors views temporal figure-03-eigenvalues figure-04-points figure-04-averaging figure-05-channels \
+                figure-06-gamma figure-08-scenarios figure-12-classical figure-13-sizes figure-14-errors sweep-conditions \
+                sweep-points sweep-lambda sweep-together";
+    for name in data.split_whitespace() {
+        let csv =
+            std::fs::read_to_string(work.path(&format!("report/{name}.csv"))).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let mut lines = csv.lines();
+        let columns = lines.next().unwrap().split(',').count();
+        assert!(columns > 2 && lines.clone().count() > 1, "{name}: {csv}");
+        assert!(lines.all(|line| line.split(',').count() == columns && !line.contains("NaN")), "{name}: {csv}");
+    }
+    for name in ["report.html", "comparison.json", "images", "plots/figure-14-own.svg", "plots/temporal-path.svg"] {
         assert!(files.contains(&format!("report/{name}")), "{name}: {files:?}");
+    }
+    let page = std::fs::read_to_string(work.path("report/report.html")).unwrap();
+    for figure in [3, 4, 5, 6, 8, 12, 13, 14] {
+        assert!(page.contains(&format!("Figure {figure}:")), "figure {figure}");
     }
     let comparison = work.json("report/comparison.json");
     assert_eq!(comparison, work.json("rows.json"));
     let rows = comparison["rows"].as_array().unwrap();
     let mut methods = BTreeSet::new();
     for row in rows {
+        has_keys(row, &["bytes_per_texel", "multiply_adds_per_texel", "model_bytes", "spread", "means", "temporal"]);
+        let trained = !row["method"].as_str().unwrap().starts_with("sh_prt");
+        // Two sets: the spread is their difference over √2.
+        let means: Vec<f64> = row["means"].as_array().unwrap().iter().map(number).collect();
+        assert_eq!((means.len(), row["spread"].is_f64()), if trained { (2, true) } else { (1, false) }, "{row}");
+        if trained {
+            assert!((number(&row["mean"]) - (means[0] + means[1]) / 2.0).abs() < 1e-12, "{row}");
+            assert!((number(&row["spread"]) - (means[0] - means[1]).abs() / 2f64.sqrt()).abs() < 1e-12, "{row}");
+            assert!(means[0] != means[1], "the control: sets differ, {row}");
+        }
+        // Lights are moved under the model's own scenario.
+        assert_eq!(row["temporal"].is_f64(), row["scenario"] == "as trained", "{row}");
         has_keys(row, &["method", "coefficients", "points", "scenario", "mean", "median", "oracle_mean"]);
         methods.insert(row["method"].as_str().unwrap());
         let data_driven = !row["method"].as_str().unwrap().starts_with("sh_prt");
@@ -376,9 +403,16 @@ fn compare_writes_its_report() {
     // What the model was trained to is what comes out again.
     work.succeeds("info model.relight --json info.json", &[]);
     let own = rows.iter().find(|r| r["method"] == "local" && r["coefficients"] == 4 && r["scenario"] == "as trained");
-    assert_eq!(own.unwrap()["mean"], work.json("info.json")["held-out error"]["mean"]);
+    assert_eq!(own.unwrap()["means"][0], work.json("info.json")["held-out error"]["mean"]);
     let images: Vec<_> = files.iter().filter(|f| f.starts_with("report/images/")).collect();
     assert!(images.len() >= 20, "{images:?}");
+    // In short: one set, no sweeps, nothing of the other seed.
+    work.succeeds("compare model.relight -o short --reference-paths 1 --quick --json short.json", &[]);
+    let short = work.json("short.json");
+    let row =
+        short["rows"].as_array().unwrap().iter().find(|r| r["method"] == "linear" && r["coefficients"] == 4).unwrap();
+    assert!(row["spread"].is_null() && row["means"].as_array().unwrap().len() == 1, "{row}");
+    assert!(!work.files().contains("short/sweep-points.csv") && work.files().contains("short/figure-13-sizes.csv"));
     for name in images {
         let image = image::open(work.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
         assert!(image.width() > 1 && image.height() > 1, "{name}");

@@ -123,6 +123,17 @@ fn a_folder_holds_what_memory_holds_to_its_stated_rounding() {
     let held_out = dataset.indirect_of(4..6, &Silent).unwrap();
     let column = |values: &[f32], n: usize, c: usize| values.iter().skip(c).step_by(n).copied().collect::<Vec<_>>();
     assert_eq!(column(&held_out, 2, 1), column(&read, n, 5));
+
+    // Conditions of two folders as one dataset: batches whose shards are read side by side, and parts of them.
+    let apart = Dataset::in_folder(&work.path("e"), &job, conditions()[..3].to_vec(), 3, &Silent).unwrap();
+    let picks = [(&dataset, vec![5, 3]), (&apart, vec![1])];
+    let both = Dataset::gather(&picks, 2, &Silent).unwrap();
+    let gathered = both.indirect_of(0..3, &Silent).unwrap();
+    for (c, original) in [5, 3, 1].into_iter().enumerate() {
+        assert_eq!(column(&gathered, 3, c), column(&read, n, original), "condition {original}");
+        assert_eq!(both.direct(c), dataset.direct(original));
+    }
+    assert_ne!(column(&gathered, 3, 0), column(&gathered, 3, 1), "the control: conditions differ");
 }
 
 /// A temporary folder that commands run in.

@@ -12,8 +12,8 @@ use relight::model::{Basis, Channels, Transfer};
 use relight::progress::Silent;
 use relight::transfer::ridge::Ridge;
 use relight::transfer::{
-    Fit, Gram, HeldOutErrors, Lambda, LocalFit, Method, Precision, Terms, TrainSettings, TransferError, Trial, budget,
-    enough,
+    Fit, Gram, HeldOutErrors, Lambda, LocalFit, Method, Precision, Probe, Terms, Tested, TrainSettings, TransferError,
+    Trial, budget, enough,
 };
 
 /// I = G D + noise with a random transport G of the given rank: direct vectors are `rank` random patterns mixed at random.
@@ -97,6 +97,57 @@ fn error_by_definition(
         }
     }
     (error / norm).sqrt()
+}
+
+/// Lights that shine together, and what changes from one frame to the next, against lightmaps put together texel by texel.
+#[test]
+fn errors_of_sums_and_of_changes_are_those_of_the_definition() {
+    let dataset = synthetic(12, 150, 40, 10, 9, 0.3);
+    let gram = Gram::of(&dataset, &Silent).unwrap();
+    let (texels, n) = (dataset.texels(), dataset.conditions.len());
+    let (from, to) = (42, 47);
+    for method in [Method::Linear, Method::Belcour] {
+        for channels in [Channels::Mono, Channels::Multi] {
+            let fit = Fit::train(&dataset, &gram, settings(method, channels, 5, Lambda::Relative(1e-3))).unwrap();
+            let (values, transfer) = fit.expand(&dataset, &Silent).unwrap();
+            let components = if channels == Channels::Mono { 1 } else { 3 };
+            let x = |weight: f32| -> Vec<Rgb> {
+                direct_of(&dataset, to).iter().zip(direct_of(&dataset, from)).map(|(&b, a)| b + a * weight).collect()
+            };
+            let of_lights = |x: &[Rgb]| transfer.coefficients(x);
+            let together = of_lights(&x(1.0));
+            let frames = [to, from].map(|c| of_lights(&direct_of(&dataset, c)));
+            let apart: Vec<Rgb> = frames[0].iter().zip(&frames[1]).map(|(&b, &a)| b - a).collect();
+            let by_definition = |u: &[Rgb], weight: f64| {
+                let (mut error, mut norm) = (0.0, 0.0);
+                for (t, &area) in dataset.texel_areas.iter().enumerate() {
+                    for channel in 0..3 {
+                        let value = |j: usize| values[(j * components + channel % components) * texels + t] as f64;
+                        let estimate: f64 = u.iter().enumerate().map(|(j, u)| u[channel] as f64 * value(j)).sum();
+                        let of = |c: usize| indirect(&dataset)[(t * 3 + channel) * n + c] as f64;
+                        let truth = of(to) + weight * of(from);
+                        error += area as f64 * (truth - estimate).powi(2);
+                        norm += area as f64 * truth * truth;
+                    }
+                }
+                (error / norm).sqrt()
+            };
+            let tested = Tested::global(&fit, &dataset, &gram);
+            let error = |probe: &Probe| {
+                let (error, norm) = tested.squared_error(probe);
+                (error / norm).sqrt()
+            };
+            let near = |a: f64, b: f64| (a - b).abs() < 1e-4 * b;
+            let sum = Probe { parts: vec![(to, 1.0), (from, 1.0)], together: true };
+            let (of_sum, of_change) = (error(&sum), error(&Probe::change(from, to)));
+            assert!(near(of_sum, by_definition(&together, 1.0)), "{method:?} {channels:?}: {of_sum}");
+            assert!(near(of_change, by_definition(&apart, -1.0)), "{method:?} {channels:?}: {of_change}");
+            // Two lights are as one where the method is linear; the baseline's mean is scaled by a norm, and norms do not add.
+            let one_by_one = error(&Probe { together: false, ..sum });
+            let adds = (one_by_one - of_sum).abs() < 1e-9 * of_sum;
+            assert_eq!(adds, method == Method::Linear, "{method:?}: {one_by_one} {of_sum}");
+        }
+    }
 }
 
 /// Data of rank r are recovered by r elements, r ≤ P and no ridge, to the rounding of the f32 data (1e-7) times the

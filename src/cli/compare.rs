@@ -7,17 +7,17 @@ use serde_json::json;
 
 use super::pipeline::{Prepared, Trained};
 use super::storage::{Place, Storage};
+use super::study::{Set, Study, distant_scenario};
 use super::{Failure, Reporter};
-use crate::dataset::{Dataset, Draw};
-use crate::light::scenario::{KindWeights, Sky};
-use crate::light::{EmissionFacets, LightTable, Scenario};
 use crate::model::Model;
 use crate::progress::Progress;
 use crate::report::Row;
 use crate::report::assemble::{Inputs, Scenery};
+use crate::report::fits::{LOCAL_SIZES, PriorSource, Recipe, SIZES};
 use crate::report::page::method_label;
+use crate::report::table::with_spread;
+use crate::report::temporal::Measured;
 use crate::scene::Tracer;
-use crate::scene_file::SceneFile;
 use crate::transfer::Gram;
 
 /// Compare a model with the paper's baseline and with classical SH PRT
@@ -28,18 +28,11 @@ pub struct Compare {
     /// The folder for report.html, errors.csv, comparison.json and images
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
-    /// Paths per pixel of the reference pictures
-    #[arg(long, default_value_t = REFERENCE_PATHS, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
-    pub reference_paths: u32,
+    #[command(flatten)]
+    pub scope: Scope,
     #[command(flatten)]
     pub storage: Storage,
 }
-
-/// At this many paths a pixel the reference's noise hardly shows in a picture.
-pub const REFERENCE_PATHS: u32 = 48;
-
-/// Share of directional conditions that must light the asset for the distant scenario to be compared, too.
-const LEAST_LIT: f64 = 0.25;
 
 impl Compare {
     pub fn run(&self, json: Option<&Path>, reporter: &Reporter) -> Result<(), Failure> {
@@ -57,8 +50,28 @@ impl Compare {
                 100.0 * model.record.held_out.mean
             ));
         }
-        compare(&prepared, &trained, &place, &self.output, self.reference_paths, json, reporter)
+        compare(&prepared, &trained, &place, &self.output, self.scope, json, reporter)
     }
+}
+
+/// What is compared, and how thoroughly.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct Scope {
+    /// Paths per pixel of the reference pictures
+    #[arg(long, default_value_t = 48, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub reference_paths: u32,
+    /// Training sets, each of lights and measurement points of its own, over which errors have a mean and a spread; lights
+    /// beyond those of the model are baked and kept in its dataset's folder
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub seeds: u16,
+    /// One training set, and only those figures that take seconds
+    #[arg(long)]
+    pub quick: bool,
+}
+
+impl Scope {
+    /// For the run without a command.
+    pub const QUICK: Self = Self { reference_paths: 48, seeds: 1, quick: true };
 }
 
 /// Writes the report of `trained` to `folder` and prints the error table.
@@ -67,107 +80,84 @@ pub fn compare(
     trained: &Trained,
     place: &Place,
     folder: &Path,
-    reference_paths: u32,
+    scope: Scope,
     json: Option<&Path>,
     reporter: &Reporter,
 ) -> Result<(), Failure> {
     let tracer = Tracer::new(&prepared.asset);
-    let distant = distant(prepared, trained, place, &tracer, reporter)?;
-    let prior_of = |scenario: &Scenario, dataset: &Dataset, gram: &Gram| {
-        prepared.prior_of_all(scenario, &tracer, &trained.model.points, (dataset, gram), reporter)
-    };
-    let prior = prior_of(&prepared.scene.scenario, &trained.dataset, &trained.gram)?;
-    let of_distant = match &distant {
-        Some((dataset, gram)) => prior_of(&distant_scenario(), dataset, gram)?,
-        None => None,
-    };
-    let own = Scenery { name: "as trained", dataset: &trained.dataset, gram: &trained.gram, prior: prior.as_ref() };
-    let mut scenarios = vec![own];
-    if let Some((dataset, gram)) = &distant {
-        scenarios.push(Scenery { name: "distant lights", dataset, gram, prior: of_distant.as_ref() });
+    let seeds = if scope.quick { 1 } else { scope.seeds as usize };
+    let study = Study::bake(prepared, trained, place, &tracer, (seeds, scope.quick), reporter)?;
+    let own = Measured { dataset: &trained.dataset, points: &trained.model.points, tracer: &tracer };
+    let of_set = |set| measured(set, &tracer);
+    let sets = std::iter::once(own).chain(study.others.iter().map(of_set)).collect();
+    let mut scenarios =
+        vec![Scenery { name: "as trained", sets, gram: &trained.gram, scenario: &prepared.scene.scenario }];
+    let distant_lights = distant_scenario();
+    let distant = study.distant.first().map(|set| Gram::of(&set.dataset, reporter)).transpose()?;
+    if let Some(gram) = &distant {
+        let sets = study.distant.iter().map(of_set).collect();
+        scenarios.push(Scenery { name: "distant lights", sets, gram, scenario: &distant_lights });
     }
+    let train = &prepared.scene.train;
     let inputs = Inputs {
         model: &trained.model,
         tracer: &tracer,
         lightmap: &prepared.lightmap,
         finish: &prepared.finish(&tracer),
         bake: prepared.bake_settings(),
-        lambda: prepared.scene.train.lambda,
-        places: &prepared.places(),
-        anchors: prepared.scene.train.anchors,
-        precision: prepared.scene.train.precision(),
-        reference_paths,
-        memory: place.memory,
+        recipe: Recipe {
+            channels: trained.fit.settings.channels,
+            lambda: train.lambda,
+            places: &prepared.places(),
+            anchors: train.anchors,
+            precision: train.precision(),
+            sizes: &SIZES,
+            // The largest takes as long as all others together.
+            local_sizes: if scope.quick { &LOCAL_SIZES[..3] } else { &LOCAL_SIZES },
+            better_baseline: true,
+            lightmap_size: prepared.lightmap.size,
+            memory: place.memory,
+            prior: train.prior.then(|| PriorSource {
+                scenario: &prepared.scene.scenario,
+                lightmap: &prepared.lightmap,
+                bake: prepared.bake_settings(),
+            }),
+        },
+        reference_paths: scope.reference_paths,
         fit: &trained.fit,
         errors: &trained.errors,
         scenarios,
+        moving: study.moving.as_ref(),
+        kinds: &study.kinds,
+        quick: scope.quick,
     };
     let report = inputs.assemble(reporter)?;
-    let figures = json!({ "rows": report.page.rows, "views": report.views, "bake": { "bias": report.bias } });
+    let figures = json!({
+        "rows": report.rows,
+        "views": report.views,
+        "temporal": study.moving.as_ref().map(|m| {
+            json!({ "paths": m.paths().count(), "frames": m.frames, "noise": report.noise_of_change })
+        }),
+        "seeds": seeds,
+        "files": report.files.iter().map(|(name, _)| name).collect::<Vec<_>>(),
+        "bake": { "bias": report.bias },
+    });
     super::write_file(&folder.join("report.html"), report.page.to_html().as_bytes())?;
     super::write_file(&folder.join("comparison.json"), format!("{figures:#}\n").as_bytes())?;
-    for (name, text) in &report.tables {
-        super::write_file(&folder.join(name), text.as_bytes())?;
-    }
-    for (name, png) in &report.images {
-        super::write_file(&folder.join("images").join(name), png)?;
+    for (name, bytes) in &report.files {
+        super::write_file(&folder.join(name), bytes)?;
     }
     if let Some(bias) = report.bias {
         let (relative, at_most) = (100.0 * bias.relative, 100.0 * bias.at_most);
         println!("bias of the gather integrator against path tracing: {relative:.2} %, at most {at_most:.2} %");
     }
-    print_table(&report.page.rows);
-    println!("wrote {} and {} images beside it", folder.join("report.html").display(), report.images.len());
+    print_table(&report.rows);
+    println!("wrote {} with {} files beside it", folder.join("report.html").display(), report.files.len());
     super::write_json(json, &figures)
 }
 
-/// Directional lights from everywhere.
-fn distant_scenario() -> Scenario {
-    Scenario {
-        kinds: KindWeights { directional: 1.0, ..KindWeights::default() },
-        sky: Sky::Everywhere,
-        ..Scenario::default()
-    }
-}
-
-/// The same asset under directional lights, trained and tested anew: what classical PRT is made for. None where distant light
-/// hardly reaches the asset, as in a closed room.
-fn distant(
-    prepared: &Prepared,
-    trained: &Trained,
-    place: &Place,
-    tracer: &Tracer,
-    reporter: &Reporter,
-) -> Result<Option<(Dataset, Gram)>, Failure> {
-    let scenario = distant_scenario();
-    if prepared.scene.scenario.kinds == scenario.kinds {
-        return Ok(None);
-    }
-    let bake = &prepared.scene.bake;
-    let draw =
-        Draw { scenario: &scenario, training: bake.conditions.first().min(192), held_out: bake.held_out.min(96) };
-    let settings = prepared.bake_settings();
-    let conditions = draw.conditions(tracer, settings.seed)?;
-    let table = LightTable::from_conditions(&conditions, &EmissionFacets::of(&prepared.asset));
-    let points = &trained.model.points;
-    let direct = points.direct_matrix(tracer, &table);
-    let n = conditions.len();
-    let is_lit = |c: usize| direct.chunks_exact(3 * n).any(|row| (0..3).any(|channel| row[channel * n + c] > 0.0));
-    let lit: Vec<usize> = (0..n).filter(|&c| is_lit(c)).collect();
-    if (lit.len() as f64) < LEAST_LIT * n as f64 {
-        reporter.note(
-            "distant light hardly reaches this asset: classical PRT is compared under the model's own scenario only",
-        );
-        return Ok(None);
-    }
-    // Suns that no measurement point sees would be dropped after the bake; they are not baked in the first place.
-    let training = lit.iter().filter(|&&c| c < draw.training).count();
-    let conditions = lit.iter().map(|&c| conditions[c].clone()).collect();
-    let scene = SceneFile { scenario, ..prepared.scene.clone() };
-    let place = Place { folder: place.folder.join("distant"), memory: place.memory, rendered: None };
-    let dataset = prepared.bake(&scene, tracer, points, conditions, training, &place, reporter)?;
-    let gram = Gram::of(&dataset, reporter)?;
-    Ok(Some((dataset, gram)))
+fn measured<'a>(set: &'a Set, tracer: &'a Tracer<'a>) -> Measured<'a> {
+    Measured { dataset: &set.dataset, points: &set.points, tracer }
 }
 
 /// Mean held-out error, one line per method, one column per size.
@@ -190,7 +180,7 @@ fn print_table(rows: &[Row]) {
             .filter(|r| (r.scenario.as_str(), r.method, r.lambda_choice) == group)
             .map(|r| {
                 let oracle = r.oracle_mean.map_or(String::new(), |o| format!(" ({:.1})", 100.0 * o));
-                format!("{}: {:.1}{oracle} %", r.coefficients, 100.0 * r.mean)
+                format!("{}: {}{oracle}", r.coefficients, with_spread(r.mean, r.spread))
             })
             .collect();
         println!("  {:<34} {}", method_label(group.1, group.2), cells.join("   "));

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use super::compare::{REFERENCE_PATHS, compare};
+use super::compare::{Scope, compare};
 use super::pipeline::prepare;
 use super::storage::Storage;
 use super::train::{default_output, figures, print_summary};
@@ -19,9 +19,13 @@ pub fn run(json: Option<&Path>, reporter: &Reporter) -> Result<(), Failure> {
     let bytes = trained.model.save(&output)?;
     print_summary(&trained, &output, bytes);
     let figures = figures(&trained, bytes, start.elapsed().as_secs_f64());
-    compare(&prepared, &trained, &place, Path::new("out"), REFERENCE_PATHS, None, reporter)?;
+    compare(&prepared, &trained, &place, Path::new("out"), Scope::QUICK, None, reporter)?;
     println!("done in {:.0} s. Next:", start.elapsed().as_secs_f64());
     println!("  open out/report.html in a browser");
+    println!(
+        "  relight compare {} -o out/compare          the same with all figures, over three seeds",
+        output.display()
+    );
     println!("  relight train YOUR.glb -o out/yours.relight        train a transfer for your own asset");
     println!(
         "  relight render {} --light '{{type=\"point\", position=[2.8,4,2], intensity=20}}' -o out/relit.png",

@@ -128,6 +128,7 @@ impl From<ReportError> for Failure {
             ReportError::Dataset(error) => error.into(),
             ReportError::View(error) => error.into(),
             ReportError::Bake(error) => error.into(),
+            ReportError::Scenario(error) => error.into(),
         }
     }
 }

@@ -13,6 +13,7 @@ pub mod render;
 pub mod reporter;
 pub mod settings;
 pub mod storage;
+pub mod study;
 pub mod train;
 
 use std::path::{Path, PathBuf};

@@ -13,9 +13,7 @@ use crate::model::{Basis, Choice, HeldOut, Model, Scope, TrainingRecord, Transfe
 use crate::progress::Progress;
 use crate::scene::{Asset, Finish, Lightmap, Tracer, lay_out};
 use crate::scene_file::SceneFile;
-use crate::transfer::{
-    Fit, Gram, HeldOutErrors, LocalFit, Method, Prior, PriorSums, Terms, TrainSettings, TransferError, fit_scope,
-};
+use crate::transfer::{Fit, Gram, HeldOutErrors, LocalFit, Method, Prior, PriorSums, Terms, TransferError, fit_scope};
 use crate::transport::{Adjoint, BakeSettings};
 
 use super::choose::{Held, draw};
@@ -195,25 +193,6 @@ impl Prepared {
         let train_seconds = start.elapsed().as_secs_f64();
         let paths = place.rendered.as_ref().map_or(self.scene.bake.paths, |r| r.samples().unwrap_or(0));
         Ok(Trained { model, dataset, gram, fit, errors, paths, bake_seconds, train_seconds })
-    }
-
-    /// What paths from the texels tell of every fit to a dataset of `scenario`, if it is asked for.
-    pub fn prior_of_all(
-        &self,
-        scenario: &Scenario,
-        tracer: &Tracer,
-        points: &MeasurementPoints,
-        (dataset, gram): (&Dataset, &Gram),
-        reporter: &Reporter,
-    ) -> Result<Option<Prior>, Failure> {
-        let train = &self.scene.train;
-        if !train.prior {
-            return Ok(None);
-        }
-        let (method, lambda) = (Method::Local, train.lambda_for(Method::Local));
-        let settings = TrainSettings { method, channels: train.channels, elements: 1, lambda };
-        let fit = Fit::train(dataset, gram, settings)?;
-        Ok(Some(self.prior(scenario, &fit, tracer, points, dataset, reporter)?))
     }
 
     /// What paths from the texels tell of the transfer of `fit`, trained on a dataset of `scenario`.

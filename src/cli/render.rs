@@ -12,7 +12,7 @@ use crate::dataset::DirectVector;
 use crate::gpu::Runtime;
 use crate::light::{EmissionFacets, Light, LightTable};
 use crate::model::{Model, Picture, Shown, View};
-use crate::report::figures;
+use crate::report::pictures;
 use crate::scene::Tracer;
 use crate::transport::reference::{Reference, ReferenceSettings};
 
@@ -81,7 +81,7 @@ impl Render {
         let start = Instant::now();
         let (picture, renderer, direct) = self.picture(&model, &view, &lights, reporter)?;
         let seconds = start.elapsed().as_secs_f64();
-        let exposure = self.exposure.unwrap_or_else(|| figures::exposure_for(&picture));
+        let exposure = self.exposure.unwrap_or_else(|| pictures::exposure_for(&picture));
         if format.as_deref() == Some("exr") {
             picture.write_exr(&self.output)?;
         } else {
@@ -117,7 +117,7 @@ impl Render {
             let settings = ReferenceSettings { samples: self.paths, max_bounces: 64, seed: 1 };
             let Reference { direct, indirect } = Reference::trace(&tracer, view, lights, &settings, reporter)?;
             let picture = match self.show {
-                Part::Full => figures::sum(&direct, &indirect),
+                Part::Full => pictures::sum(&direct, &indirect),
                 Part::Direct => direct,
                 Part::Indirect => indirect,
             };

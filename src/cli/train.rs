@@ -12,7 +12,7 @@ use super::storage::Storage;
 use super::{Failure, Reporter};
 use crate::dataset::Bytes;
 use crate::model::{Choice, Shortage};
-use crate::report::figures as pictures;
+use crate::report::pictures;
 use crate::scene::Tracer;
 use crate::scene_file::SceneFile;
 

@@ -38,19 +38,19 @@ pub struct Job<'j, 'a> {
     pub memory: Bytes,
 }
 
-/// I in the folder's shards.
+/// I in the shards of one folder, or of several of the same texels.
 #[derive(Clone, Debug)]
 pub struct Shards {
-    folder: PathBuf,
     texels: usize,
     batches: Vec<Column>,
     /// Held as long as the shards are read.
-    _lock: Arc<File>,
+    locks: Vec<Arc<File>>,
 }
 
 /// A batch's place in the dataset: per condition of the batch the dataset's condition, if it is one.
 #[derive(Clone, Debug)]
 pub(super) struct Column {
+    pub folder: Arc<Path>,
     pub batch: usize,
     pub columns: Vec<Option<u32>>,
 }
@@ -138,14 +138,14 @@ impl Dataset {
             let (batch, column) = places[&key(&condition.lights)];
             let at = batches.iter().position(|b| b.batch == batch).unwrap_or_else(|| {
                 let columns = vec![None; store.manifest.batches[batch].conditions.len()];
-                batches.push(Column { batch, columns });
+                batches.push(Column { folder: folder.into(), batch, columns });
                 batches.len() - 1
             });
             batches[at].columns[column] = Some(c as u32);
         }
         let mut noise = vec![0f32; n];
         let mut direct = vec![0f32; job.points.points.len() * 3 * n];
-        for Column { batch, columns } in &batches {
+        for Column { batch, columns, .. } in &batches {
             let (of_batch, noise_of_batch) = store.bake(*batch, most, job, progress)?;
             let width = columns.len();
             for (column, c) in columns.iter().enumerate().filter_map(|(column, c)| Some((column, (*c)? as usize))) {
@@ -236,7 +236,7 @@ impl Store {
 
     /// The shards of `batches`.
     pub fn into_shards(self, batches: Vec<Column>) -> Shards {
-        Shards { folder: self.folder, texels: self.manifest.texels, batches, _lock: self.lock }
+        Shards { texels: self.manifest.texels, batches, locks: vec![self.lock] }
     }
 
     /// Adds batches of at most `most` conditions for those that no batch has yet.
@@ -426,12 +426,27 @@ pub(super) fn write_tensors(path: &Path, tensors: &[(&str, Dtype, Vec<usize>, &[
 }
 
 impl Shards {
+    /// Shards of some conditions of several datasets: `columns` gives, for each condition of a part, the condition that it becomes.
+    pub(super) fn gather(parts: &[(&Self, Vec<Option<u32>>)]) -> Self {
+        let column = |b: &Column, becomes: &[Option<u32>]| Column {
+            columns: b.columns.iter().map(|&c| c.and_then(|c| becomes[c as usize])).collect(),
+            ..b.clone()
+        };
+        let batches = parts.iter().flat_map(|(part, becomes)| part.batches.iter().map(|b| column(b, becomes)));
+        Self {
+            texels: parts.first().map_or(0, |(part, _)| part.texels),
+            // A batch of which nothing is taken is not read.
+            batches: batches.filter(|b| b.columns.iter().any(Option::is_some)).collect(),
+            locks: parts.iter().flat_map(|(part, _)| part.locks.iter().cloned()).collect(),
+        }
+    }
+
     /// Hands all rows to `visit`, [`ROWS`] texels at a time; `row` values a texel.
     pub(super) fn for_each_rows(&self, row: usize, visit: &mut Visit) -> Result<(), DatasetError> {
         let mut rows = vec![0f32; ROWS * row];
         for (tile, start) in (0..self.texels).step_by(TILE).enumerate() {
             let texels = TILE.min(self.texels - start);
-            let path = |b: &Column| shard_file(&self.folder, b.batch, tile);
+            let path = |b: &Column| shard_file(&b.folder, b.batch, tile);
             let damaged = |b: &Column| {
                 let path = path(b);
                 move |why| DatasetError::Damaged { path, why }

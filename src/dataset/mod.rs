@@ -9,6 +9,7 @@ pub mod folder;
 pub mod manifest;
 pub mod memory;
 pub mod rendered;
+mod select;
 mod shard;
 pub mod unbaked;
 

@@ -129,6 +129,23 @@ impl Light {
         color * amount
     }
 
+    /// The same light with its colour multiplied; none where it has no colour of its own.
+    pub fn tinted(&self, tint: Rgb) -> Option<Self> {
+        let mut light = self.clone();
+        match &mut light {
+            Light::Point { color, .. }
+            | Light::Spot { color, .. }
+            | Light::Directional { color, .. }
+            | Light::Rect { color, .. }
+            | Light::Disk { color, .. }
+            | Light::Sphere { color, .. }
+            | Light::Environment { color, .. }
+            | Light::Sky(Sky { color, .. }) => *color *= tint,
+            Light::Emissive { .. } => return None,
+        }
+        Some(light)
+    }
+
     /// Colour, and what it is multiplied with: name and value.
     fn strength(&self) -> (Rgb, &'static str, f32) {
         match *self {

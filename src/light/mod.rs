@@ -14,6 +14,8 @@ pub mod facets;
 pub mod gather;
 pub mod image;
 #[cfg(feature = "train")]
+pub mod motion;
+#[cfg(feature = "train")]
 pub mod sampled;
 #[cfg(feature = "train")]
 pub mod scenario;

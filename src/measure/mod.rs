@@ -42,4 +42,10 @@ impl MeasurementPoints {
     pub fn neighbours_per_point(&self) -> usize {
         self.neighbours.len() / self.points.len().max(1)
     }
+
+    /// The same points, each the mean of its `count` nearest sub-points alone.
+    pub fn averaging(&self, count: usize) -> Self {
+        let of_point = self.neighbours.chunks(self.neighbours_per_point().max(1));
+        Self { neighbours: of_point.flat_map(|n| &n[..count.min(n.len())]).copied().collect(), ..self.clone() }
+    }
 }

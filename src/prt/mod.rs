@@ -36,6 +36,11 @@ pub struct ShPrt {
 }
 
 impl ShPrt {
+    /// Bytes of transfer to as many receivers.
+    pub fn bytes_needed(receivers: usize, order: usize) -> u64 {
+        (receivers * sh::count(order) * (size_of::<f32>() + size_of::<Rgb>())) as u64
+    }
+
     /// Indirect irradiance of every lightmap texel under light of the given coefficients, whose number is that of an order
     /// of at most [`ShPrt::order`].
     pub fn indirect(&self, light: &[Rgb]) -> Vec<Rgb> {

@@ -1,19 +1,20 @@
-//! Puts the report of one model together: errors of every method, plots, and pictures under three held-out lights.
-
-use glam::Vec3;
+//! Puts the report of one model together: errors of every method, the paper's figures, and pictures under held-out lights.
 
 use super::comparison::{Comparison, Row};
 use super::figures;
-use super::page::{Image, Page, Plate, Plot, method_label};
-use super::plot::{Series, line_plot};
+use super::fits::{Fits, Recipe};
+use super::page::{Block, Chapter, Image, Page, Plate, Section};
+use super::pictures;
+use super::table;
+use super::temporal::{Measured, Moving};
 use super::views::{ViewRow, views_csv};
 use crate::dataset::{Bytes, Dataset, DatasetError};
-use crate::light::{EmissionFacets, LightingCondition};
+use crate::light::{EmissionFacets, LightingCondition, Scenario, ScenarioError};
 use crate::model::{Model, ViewError};
 use crate::progress::Progress;
-use crate::prt::{PrtError, PrtSettings, bake_texels, bake_vertices};
+use crate::prt::{PrtError, PrtSettings, ShPrt, bake_texels, bake_vertices};
 use crate::scene::{Finish, Lightmap, Tracer};
-use crate::transfer::{Fit, Gram, HeldOutErrors, Precision, Prior, TransferError};
+use crate::transfer::{Fit, Gram, HeldOutErrors, TransferError};
 use crate::transport::reference::ReferenceError;
 use crate::transport::{BakeError, BakeSettings, Bias, bake_direct};
 
@@ -30,6 +31,8 @@ pub enum ReportError {
     Bake(#[from] BakeError),
     #[error(transparent)]
     Dataset(#[from] DatasetError),
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
 }
 
 impl From<PrtError> for ReportError {
@@ -48,13 +51,22 @@ impl From<ReferenceError> for ReportError {
     }
 }
 
-/// A dataset under the name of its scenario, with its Gram matrix and its prior.
+/// Training sets of one scenario, with the same held-out conditions.
 pub struct Scenery<'a> {
     pub name: &'a str,
-    pub dataset: &'a Dataset,
+    /// That of the model, or the first one, before those of other seeds.
+    pub sets: Vec<Measured<'a>>,
+    /// Of the first set.
     pub gram: &'a Gram,
-    /// For fits of `linear` and `local`.
-    pub prior: Option<&'a Prior>,
+    /// That they are drawn from.
+    pub scenario: &'a Scenario,
+}
+
+/// A few conditions of one kind of light, to train and to test on.
+pub struct KindSet {
+    pub name: String,
+    pub scenario: Scenario,
+    pub dataset: Dataset,
 }
 
 /// What a report is made from.
@@ -64,35 +76,47 @@ pub struct Inputs<'a> {
     pub lightmap: &'a Lightmap,
     pub finish: &'a Finish,
     pub bake: BakeSettings,
-    /// λ given by the user, relative.
-    pub lambda: Option<f64>,
-    /// Position and normal of each texel.
-    pub places: &'a [(Vec3, Vec3)],
-    /// Anchors of local bases, and how their channels are stored.
-    pub anchors: usize,
-    pub precision: Precision,
+    /// For the own scenario.
+    pub recipe: Recipe<'a>,
     /// Paths per pixel of the reference pictures.
     pub reference_paths: u32,
-    /// Ceiling of the process's resident memory.
-    pub memory: Bytes,
     /// The model's global fit, and the errors of the model.
     pub fit: &'a Fit,
     pub errors: &'a HeldOutErrors,
-    /// The model's own scenario first.
+    /// The model's own scenario first, then that of distant lights.
     pub scenarios: Vec<Scenery<'a>>,
+    /// Lights of the own scenario that move.
+    pub moving: Option<&'a Moving>,
+    /// Several kinds of light, the model's own first.
+    pub kinds: &'a [KindSet],
+    /// Whether figures that take long are left out.
+    pub quick: bool,
+}
+
+/// What figures are drawn from.
+pub struct Results {
+    pub rows: Vec<Row>,
+    /// Of the first set of each scenario.
+    pub fits: Vec<Fits>,
+    /// Classical transfer, by vertex and by texel.
+    pub vertices: Option<ShPrt>,
+    pub texels: Option<ShPrt>,
+    /// Of what changes from frame to frame, relative.
+    pub noise_of_change: Option<f64>,
 }
 
 /// A report, ready to be written.
 pub struct Report {
     pub page: Page,
+    pub rows: Vec<Row>,
     /// Of the bake, where it gathers.
     pub bias: Option<Bias>,
+    /// Noise of what changes from frame to frame, relative: part of every error of it.
+    pub noise_of_change: Option<f64>,
     /// How different relit pictures look from path traced ones.
     pub views: Vec<ViewRow>,
-    /// File name and PNG bytes.
-    pub images: Vec<(String, Vec<u8>)>,
-    /// File name and text.
-    pub tables: Vec<(String, String)>,
+    /// File name and bytes.
+    pub files: Vec<(String, Vec<u8>)>,
 }
 
 impl Inputs<'_> {
@@ -101,65 +125,103 @@ impl Inputs<'_> {
     /// # Errors
     /// When a fit fails, the camera is unusable, or `progress` cancels.
     pub fn assemble(&self, progress: &dyn Progress) -> Result<Report, ReportError> {
+        let results = self.results(progress)?;
+        let own = &self.scenarios[0];
+        let dataset = own.sets[0].dataset;
+        let held_out = &dataset.conditions[dataset.held_out()];
+        let bias = Bias::measure(self.tracer, self.lightmap, held_out, &self.bake, progress)?;
+        let (relit, views) = self.relit(&results, progress)?;
+
+        let chapters = vec![
+            self.table_of_methods(&results.rows),
+            Chapter {
+                title: "Temporal stability".into(),
+                note: String::new(),
+                sections: vec![figures::temporal(self, &results, progress)?],
+            },
+            Chapter {
+                title: "The paper's figures, for this asset".into(),
+                note: "Numbers are those of Belcour, Deliot, Barbier and Soler, A Data-Driven Paradigm for Precomputed Radiance \
+                       Transfer (2022)."
+                    .into(),
+                sections: figures::of_paper(self, &results, progress)?,
+            },
+            Chapter {
+                title: "What training needs".into(),
+                note: String::new(),
+                sections: if self.quick { Vec::new() } else { vec![figures::sweeps(self, progress)?] },
+            },
+            Chapter {
+                title: "Held-out lights, relit".into(),
+                note: format!(
+                    "Path traced with {} paths a pixel. Error: difference over the mean of the reference, brightest at {}. FLIP: \
+                     difference of the whole picture as it is seen, from 0 to 1, low and high dynamic range.",
+                    self.reference_paths,
+                    super::page::percent(super::views::FULL_SCALE as f64)
+                ),
+                sections: relit,
+            },
+            Chapter { title: "Basis".into(), note: String::new(), sections: vec![self.basis()] },
+        ];
+        let page = Page {
+            title: format!("{}: direct-to-indirect transfer", self.model.asset.name),
+            facts: self.facts(bias),
+            chapters: chapters.into_iter().filter(|c| !c.sections.is_empty()).collect(),
+        };
+        let mut files = page_files(&page);
+        files.push(("views.csv".to_owned(), views_csv(&views).into_bytes()));
+        Ok(Report { page, rows: results.rows, bias, noise_of_change: results.noise_of_change, views, files })
+    }
+
+    /// Classical transfer, and the rows of every scenario.
+    fn results(&self, progress: &dyn Progress) -> Result<Results, ReportError> {
         let settings =
             |paths: u32| PrtSettings { order: ORDER, paths, max_bounces: self.bake.max_bounces, seed: self.bake.seed };
         // The high bands are noisier than the light itself: they are given more paths than the bake, so that what is
         // compared is the method and not its noise.
-        let vertices = bake_vertices(self.tracer, self.lightmap, &settings(16 * self.bake.paths), progress)?;
-        let texels = bake_texels(self.tracer, self.lightmap, &settings(4 * self.bake.paths), progress)?;
-        let centre = self.model.asset.mesh.bounds().centre();
+        let receivers = [self.model.asset.mesh.positions.len(), self.lightmap.texels.len()];
+        let [by_vertex, by_texel] = receivers.map(|count| self.fits_memory(ShPrt::bytes_needed(count, ORDER)));
+        let vertices = by_vertex
+            .then(|| bake_vertices(self.tracer, self.lightmap, &settings(16 * self.bake.paths), progress))
+            .transpose()?;
+        let texels = by_texel
+            .then(|| bake_texels(self.tracer, self.lightmap, &settings(4 * self.bake.paths), progress))
+            .transpose()?;
+        if vertices.is_none() || texels.is_none() {
+            progress.note("classical transfer would not fit into --memory and is compared as far as it does");
+        }
+        let named = [("sh_prt_vertex", &vertices), ("sh_prt_texel", &texels)];
+        let classical: Vec<(&'static str, &ShPrt)> =
+            named.into_iter().filter_map(|(name, prt)| Some((name, prt.as_ref()?))).collect();
         let emission = EmissionFacets::of(&self.model.asset);
-
-        let mut rows = Vec::new();
-        for scenery in &self.scenarios {
+        let (mut rows, mut fits) = (Vec::new(), Vec::new());
+        for (i, scenery) in self.scenarios.iter().enumerate() {
             let comparison = Comparison {
-                scenario: scenery.name.to_owned(),
-                dataset: scenery.dataset,
+                scenario: scenery.name,
+                sets: &scenery.sets,
                 gram: scenery.gram,
-                prior: scenery.prior,
-                channels: self.fit.settings.channels,
-                lambda: self.lambda,
-                places: self.places,
-                anchors: self.anchors,
-                precision: self.precision,
-                classical: &[("sh_prt_vertex", &vertices), ("sh_prt_texel", &texels)],
-                centre,
+                recipe: self.recipe.under(scenery.scenario),
+                moving: self.moving.filter(|_| i == 0),
+                classical: &classical,
+                centre: self.model.asset.mesh.bounds().centre(),
                 emission: &emission,
                 at_once: self.lightmaps_at_once(),
             };
             let direct_of = |conditions: &[LightingCondition]| -> Result<Vec<f32>, ReportError> {
                 Ok(bake_direct(self.tracer, self.lightmap, conditions, self.bake.seed, progress)?)
             };
-            rows.extend(comparison.rows(&direct_of, progress)?);
+            let (of_scenario, fits_of_scenario) = comparison.rows(&direct_of, progress)?;
+            rows.extend(of_scenario);
+            fits.push(fits_of_scenario);
         }
+        let noise = self.moving.map(|m| m.noise(self.tracer, self.lightmap, &self.bake, self.recipe.memory, progress));
+        let noise_of_change = noise.transpose()?.flatten();
+        Ok(Results { rows, fits, vertices, texels, noise_of_change })
+    }
 
-        let own = &self.scenarios[0];
-        let held_out = &own.dataset.conditions[own.dataset.held_out()];
-        let bias = Bias::measure(self.tracer, self.lightmap, held_out, &self.bake, progress)?;
-        let (mut plates, views) = self.relit(own, &vertices, &texels, centre, progress)?;
-        plates.push(self.points()?);
-        plates.push(self.basis());
-        let mut images = Vec::new();
-        for plate in &plates {
-            for (k, image) in plate.rows.iter().flatten().enumerate() {
-                let name = format!("{}-{:02}-{}.png", file_part(&plate.title), k + 1, file_part(&image.caption));
-                images.push((name, image.png.clone()));
-            }
-        }
-        let plots = self.plots(&rows);
-        let tables = vec![
-            ("errors.csv".to_owned(), csv(&rows)),
-            ("views.csv".to_owned(), views_csv(&views)),
-            ("singular_values.csv".to_owned(), singular_values_csv(&self.fit.singular_values)),
-        ];
-        let page = Page {
-            title: format!("{}: direct-to-indirect transfer", self.model.asset.name),
-            facts: self.facts(own, bias),
-            rows,
-            plots,
-            plates,
-        };
-        Ok(Report { page, bias, views, images, tables })
+    /// Whether as many bytes more fit into the ceiling of memory.
+    pub fn fits_memory(&self, bytes: u64) -> bool {
+        Bytes::resident().0 + bytes <= self.recipe.memory.0
     }
 
     /// How many held-out lightmaps, direct and indirect, may be in memory together.
@@ -167,26 +229,26 @@ impl Inputs<'_> {
         let lightmap = self.lightmap.texels.len() as u64 * 12;
         // Each thread compares one reconstruction, direct and indirect, with them.
         let taken = Bytes::resident().0 + 3 * lightmap * rayon::current_num_threads() as u64;
-        (self.memory.0.saturating_sub(taken) / (2 * lightmap).max(1)).max(1) as usize
+        (self.recipe.memory.0.saturating_sub(taken) / (2 * lightmap).max(1)).max(1) as usize
     }
 
-    fn facts(&self, own: &Scenery, bias: Option<Bias>) -> Vec<(String, String)> {
+    fn facts(&self, bias: Option<Bias>) -> Vec<(String, String)> {
         let record = &self.model.record;
+        let set = &self.scenarios[0].sets[0];
         let fact = |name: &str, value: String| (name.to_owned(), value);
         let noise = |noise: f64| format!("{:.1} % (part of every error below)", 100.0 * noise);
         let noise = record.held_out.noise.map_or("not known".into(), noise);
+        let points = &self.model.points;
         vec![
+            fact("model", format!("{}, {} {}", record_method(self), self.model.basis.elements, elements_word(self))),
             fact("triangles", self.model.asset.mesh.triangles.len().to_string()),
             fact("lightmap", format!("{0} x {0}, {1} texels", self.lightmap.size, self.lightmap.texels.len())),
             fact(
                 "measurement points",
-                format!(
-                    "{} of {} sub-points each",
-                    self.model.points.points.len(),
-                    self.model.points.neighbours_per_point()
-                ),
+                format!("{} of {} sub-points each", points.points.len(), points.neighbours_per_point()),
             ),
-            fact("conditions", format!("{} to train, {} held out", own.dataset.training, own.dataset.held_out().len())),
+            fact("conditions", format!("{} to train, {} held out", set.dataset.training, set.dataset.held_out().len())),
+            fact("training sets", self.scenarios[0].sets.len().to_string()),
             fact("paths per texel", self.bake.paths.to_string()),
             fact("noise of the lightmaps", noise),
             fact(
@@ -200,110 +262,83 @@ impl Inputs<'_> {
         ]
     }
 
-    fn plots(&self, rows: &[Row]) -> Vec<Plot> {
-        let mut plots = Vec::new();
-        for scenery in &self.scenarios {
-            plots.push(Plot {
-                title: format!("Error against size, {}", scenery.name),
-                note: "Held-out error (plain) and the oracle of the same basis (dashed), as Figure 14 of the paper. SH PRT of order l has l² coefficients.".into(),
-                svg: line_plot("coefficients per texel and channel", "relative RMSE", true, true, &error_series(rows, scenery.name)),
-            });
+    fn table_of_methods(&self, rows: &[Row]) -> Chapter {
+        let sets = self.scenarios[0].sets.len();
+        let spread = match sets {
+            1 => String::new(),
+            _ => format!(
+                " Mean and standard deviation over {sets} training sets, each of lights and measurement points of its own, \
+                 tested on the same lights."
+            ),
+        };
+        let tables = self.scenarios.iter().map(|s| Block::Table(table::of_rows(s.name, rows)));
+        Chapter {
+            title: "Error on lights never seen, and what it costs".into(),
+            note: format!(
+                "Relative RMSE of indirect irradiance over the lightmap (area weighted), over held-out conditions.{spread} Oracle: the \
+                 truth projected on the same basis, which no transfer can better. Total: direct and indirect light together; the \
+                 data-driven methods take direct light from the renderer as it is, SH PRT reconstructs it, too. Frame to frame: \
+                 error of what changes while a light moves. Bytes and multiply-adds are what a texel's indirect light takes once \
+                 the coefficients are there (of a vertex, for SH PRT per vertex); model: basis and matrices. SH PRT knows \
+                 distant light only: a light near the asset is projected as it is seen from the asset's centre, which is where \
+                 the classical method ends."
+            ),
+            sections: vec![Section {
+                blocks: tables.collect(),
+                data: vec![("errors.csv".into(), table::csv(rows))],
+                ..Section::default()
+            }],
         }
-        let first = self.fit.singular_values.first().copied().unwrap_or(1.0);
-        let points: Vec<(f64, f64)> = (self.fit.singular_values.iter().enumerate())
-            .take(256)
-            .map(|(i, s)| ((i + 1) as f64, (s / first).powi(2)))
-            .filter(|p| p.1 > 1e-9)
-            .collect();
-        let series = Series { label: "σ² / σ₁²".into(), colour: 0, dashed: false, points };
-        plots.push(Plot {
-            title: "Relative eigenvalues of the indirect light".into(),
-            note: "Of the Gram matrix that the basis comes from, as Figure 3 of the paper.".into(),
-            svg: line_plot("element", "relative eigenvalue", true, true, &[series]),
-        });
-        plots
     }
 
-    fn points(&self) -> Result<Plate, ReportError> {
-        let images = figures::point_images(self.tracer, &self.model.points)?;
-        Ok(Plate {
-            title: "Measurement points".into(),
-            note: "Where direct light is measured (Figure 4 of the paper).".into(),
-            rows: vec![images],
-            pixelated: false,
-        })
-    }
-
-    fn basis(&self) -> Plate {
+    fn basis(&self) -> Section {
         let mut rows: Vec<Vec<Image>> = Vec::new();
-        for image in figures::basis_images(self.lightmap, &self.model.basis) {
+        for image in pictures::basis_images(self.lightmap, &self.model.basis) {
             match rows.last_mut() {
                 Some(row) if row.len() < 4 => row.push(image),
                 _ => rows.push(vec![image]),
             }
         }
-        Plate {
-            title: "Basis".into(),
-            note: "The first elements (channels of a local basis) as lightmaps: red positive, blue negative, square-root scale.".into(),
-            rows,
-            pixelated: true,
+        Section {
+            here: "The first elements (channels of a local basis) as lightmaps: red positive, blue negative, square-root scale.".into(),
+            blocks: vec![Block::Plate(Plate { rows, pixelated: true })],
+            ..Section::default()
         }
     }
 }
 
-/// One line per method and choice of λ, with its oracle dashed where it has one.
-fn error_series(rows: &[Row], scenario: &str) -> Vec<Series> {
-    let mut series: Vec<Series> = Vec::new();
-    let mut groups: Vec<(&str, Option<&str>)> = rows.iter().map(|r| (r.method, r.lambda_choice)).collect();
-    groups.sort();
-    groups.dedup();
-    // This program's own method comes first.
-    groups.sort_by_key(|(method, _)| !["linear", "local"].contains(method));
-    for (colour, (method, choice)) in groups.into_iter().enumerate() {
-        let own: Vec<&Row> =
-            rows.iter().filter(|r| r.scenario == scenario && r.method == method && r.lambda_choice == choice).collect();
-        let label = method_label(method, choice);
-        let line = |value: &dyn Fn(&Row) -> Option<f64>| -> Vec<(f64, f64)> {
-            own.iter().filter_map(|r| value(r).map(|v| (r.coefficients as f64, v))).collect()
-        };
-        let oracle = line(&|r| r.oracle_mean);
-        series.push(Series { label: label.clone(), colour, dashed: false, points: line(&|r| Some(r.mean)) });
-        // The baseline's basis, and so its oracle, is the same for every λ.
-        if !oracle.is_empty() && (method != "belcour" || choice != Some("leave-one-out")) {
-            series.push(Series { label: format!("{label}: oracle"), colour, dashed: true, points: oracle });
+fn record_method(inputs: &Inputs) -> &'static str {
+    inputs.fit.settings.method.name()
+}
+
+/// What a basis has n of.
+pub fn elements_word(inputs: &Inputs) -> &'static str {
+    if inputs.model.basis.anchors.is_some() { "channels a texel" } else { "elements" }
+}
+
+/// Pictures, plots and data of a page as files of their own.
+fn page_files(page: &Page) -> Vec<(String, Vec<u8>)> {
+    let mut files = Vec::new();
+    for section in page.chapters.iter().flat_map(|c| &c.sections) {
+        files.extend(section.data.iter().map(|(name, text)| (name.clone(), text.clone().into_bytes())));
+        for block in &section.blocks {
+            match block {
+                Block::Plots(plots) => {
+                    let shown = plots.iter().filter(|p| !p.svg.is_empty());
+                    files.extend(shown.map(|p| (format!("plots/{}.svg", p.name), p.svg.clone().into_bytes())));
+                }
+                Block::Plate(plate) => {
+                    for (k, image) in plate.rows.iter().flatten().enumerate() {
+                        let (title, caption) = (file_part(&section.title), file_part(&image.caption));
+                        let title = if title.is_empty() { "basis".to_owned() } else { title };
+                        files.push((format!("images/{title}-{:02}-{caption}.png", k + 1), image.png.clone()));
+                    }
+                }
+                Block::Table(_) => {}
+            }
         }
     }
-    series
-}
-
-fn csv(rows: &[Row]) -> String {
-    let mut out = String::from(
-        "scenario,method,lambda_choice,lambda,coefficients,bytes_per_texel,points,mean,median,worst,oracle_mean,total_mean\n",
-    );
-    for r in rows {
-        let number = |v: Option<f64>| v.map_or(String::new(), |v| v.to_string());
-        out += &format!(
-            "{},{},{},{},{},{},{},{},{},{},{},{}\n",
-            r.scenario,
-            r.method,
-            r.lambda_choice.unwrap_or(""),
-            number(r.lambda),
-            r.coefficients,
-            r.bytes_per_texel.map_or(String::new(), |b| b.to_string()),
-            r.points,
-            r.mean,
-            r.median,
-            r.worst,
-            number(r.oracle_mean),
-            r.total_mean
-        );
-    }
-    out
-}
-
-fn singular_values_csv(values: &[f64]) -> String {
-    let lines = values.iter().enumerate().map(|(i, s)| format!("{},{s}\n", i + 1));
-    std::iter::once("element,singular_value\n".to_owned()).chain(lines).collect()
+    files
 }
 
 /// Letters and digits of a caption, for a file name.

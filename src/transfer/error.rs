@@ -6,7 +6,7 @@
 //! follow from the Gram matrix. A local basis is one of K n elements φₖ b that are not combinations of lightmaps: theirs take
 //! one more look at the held-out ones.
 
-use faer::linalg::solvers::Solve;
+use faer::linalg::solvers::{Llt, Solve};
 use faer::{ColRef, Mat, Side};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -34,13 +34,183 @@ pub struct ErrorSummary {
     pub oracle_mean: f64,
 }
 
+/// What light is looked at: a weighted sum of conditions of a dataset.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Probe {
+    /// Condition and weight.
+    pub parts: Vec<(usize, f64)>,
+    /// Whether the lights shine at the same time. Otherwise each is reconstructed by itself, as the frames of an animation are,
+    /// and what is looked at is the sum of the pictures: their difference where weights are 1 and −1.
+    pub together: bool,
+}
+
+impl Probe {
+    /// One condition.
+    pub fn one(condition: usize) -> Self {
+        Self { parts: vec![(condition, 1.0)], together: true }
+    }
+
+    /// What changes from one condition to another.
+    pub fn change(from: usize, to: usize) -> Self {
+        Self { parts: vec![(to, 1.0), (from, -1.0)], together: false }
+    }
+}
+
+/// A reconstruction with its inner products with the lightmaps of the held-out conditions of a dataset, from which its error on
+/// them and on their sums follows.
+pub struct Tested<'t> {
+    dataset: &'t Dataset,
+    gram: &'t Gram,
+    channels: Channels,
+    /// UᵀU.
+    products: Mat<f64>,
+    /// Uᵀ i, `[group · H + condition]`, H conditions being held out.
+    projections: Vec<Vec<f64>>,
+    /// u of a group's direct vector.
+    coefficients: Box<dyn Fn(usize, &[f64]) -> Vec<f64> + Sync + 't>,
+    oracle: Oracle,
+}
+
+/// How the coefficients nearest to a lightmap follow from its projections.
+enum Oracle {
+    /// Elements are orthonormal, but for the first where it is the mean, whose coefficient is given.
+    Orthonormal {
+        has_mean: bool,
+    },
+    Solve(Llt<f64>),
+}
+
+impl<'t> Tested<'t> {
+    /// Of a global basis. The first conditions of `dataset` are those that `fit` was trained on.
+    pub fn global(fit: &'t Fit, dataset: &'t Dataset, gram: &'t Gram) -> Self {
+        let channels = fit.settings.channels;
+        let held_out = dataset.held_out();
+        let of = |i: usize| fit.project(gram, (i / held_out.len(), held_out.start + i % held_out.len()));
+        Self {
+            dataset,
+            gram,
+            channels,
+            products: fit.element_products(gram),
+            projections: (0..groups(channels).len() * held_out.len()).into_par_iter().map(of).collect(),
+            coefficients: Box::new(|group, direct| fit.coefficients(group, direct)),
+            oracle: Oracle::Orthonormal { has_mean: fit.has_mean() },
+        }
+    }
+
+    /// Of a local basis, as it is stored, and its transfer.
+    ///
+    /// # Errors
+    /// When the dataset cannot be read, or `progress` cancels.
+    pub fn local(
+        local: &'t LocalFit,
+        terms: &Terms,
+        channels: Channels,
+        dataset: &'t Dataset,
+        gram: &'t Gram,
+        progress: &dyn Progress,
+    ) -> Result<Self, TransferError> {
+        // What the ridge leaves out of the oracle's projection is under 10⁻¹⁰ of the lightmap.
+        let mut regular = local.products.clone();
+        let width = regular.nrows();
+        let trace: f64 = (0..width).map(|i| regular[(i, i)]).sum();
+        let ridge = if trace > 0.0 { 1e-10 * trace / width as f64 } else { 1.0 };
+        (0..width).for_each(|i| regular[(i, i)] += ridge);
+        let cholesky = regular.llt(Side::Lower).map_err(|_| TransferError::NotFinite { what: "indirect light" })?;
+        let coefficients = |group: usize, direct: &[f64]| -> Vec<f64> {
+            (&local.matrices[group] * ColRef::from_slice(direct)).iter().copied().collect()
+        };
+        Ok(Self {
+            dataset,
+            gram,
+            channels,
+            products: local.products.clone(),
+            projections: project(local, terms, channels, dataset, progress)?,
+            coefficients: Box::new(coefficients),
+            oracle: Oracle::Solve(cholesky),
+        })
+    }
+
+    /// Held-out conditions that light the asset: of the others there is no relative error.
+    pub fn lit(&self) -> Vec<usize> {
+        self.dataset.held_out().filter(|&h| self.gram.is_lit(h)).collect()
+    }
+
+    /// |i − î|² and |i|² of a probe of held-out conditions.
+    pub fn squared_error(&self, probe: &Probe) -> (f64, f64) {
+        let (mut squared, mut norm) = (0.0, 0.0);
+        for (g, group) in groups(self.channels).iter().enumerate() {
+            let truth = self.truth(g, probe);
+            let direct = |condition| direct_vector(self.dataset, group, condition);
+            let u = if probe.together {
+                (self.coefficients)(g, &sum_of(probe, direct))
+            } else {
+                sum_of(probe, |condition| (self.coefficients)(g, &direct(condition)))
+            };
+            squared += distance(truth, &self.projection(g, probe), &self.products, &u);
+            norm += truth;
+        }
+        (squared.max(0.0), norm)
+    }
+
+    /// The same of the lightmap projected on the basis, for one condition: what no transfer can better.
+    fn squared_oracle_error(&self, condition: usize) -> f64 {
+        let probe = Probe::one(condition);
+        let of_group = |(g, group): (usize, &&[usize])| {
+            let projected = self.projection(g, &probe);
+            let best: Vec<f64> = match &self.oracle {
+                Oracle::Solve(cholesky) => cholesky.solve(ColRef::from_slice(&projected)).iter().copied().collect(),
+                Oracle::Orthonormal { has_mean: false } => projected.clone(),
+                Oracle::Orthonormal { has_mean: true } => {
+                    let mean = (self.coefficients)(g, &direct_vector(self.dataset, group, condition))[0];
+                    let other = |j: usize| projected[j] - mean * self.products[(j, 0)];
+                    (0..projected.len()).map(|j| if j == 0 { mean } else { other(j) }).collect()
+                }
+            };
+            distance(self.truth(g, &probe), &projected, &self.products, &best)
+        };
+        groups(self.channels).iter().enumerate().map(of_group).sum::<f64>().max(0.0)
+    }
+
+    /// Relative errors on all held-out conditions that are lit.
+    pub fn errors(&self) -> HeldOutErrors {
+        let errors = |&h: &usize| {
+            let (squared, norm) = self.squared_error(&Probe::one(h));
+            ((squared / norm).sqrt(), (self.squared_oracle_error(h) / norm).sqrt())
+        };
+        let (transfer, oracle) = self.lit().par_iter().map(errors).unzip();
+        HeldOutErrors { transfer, oracle }
+    }
+
+    /// |i|² of a group of vectors.
+    fn truth(&self, group: usize, probe: &Probe) -> f64 {
+        let pairs = probe.parts.iter().flat_map(|&a| probe.parts.iter().map(move |&b| (a, b)));
+        let product = |(a, b): ((usize, f64), (usize, f64))| {
+            a.1 * b.1 * product(self.gram, self.channels, (group, a.0), (group, b.0))
+        };
+        pairs.map(product).sum()
+    }
+
+    /// Uᵀ i of a group of vectors.
+    fn projection(&self, group: usize, probe: &Probe) -> Vec<f64> {
+        let held_out = self.dataset.held_out();
+        sum_of(probe, |condition| self.projections[group * held_out.len() + condition - held_out.start].clone())
+    }
+}
+
+/// The weighted sum over a probe's conditions.
+fn sum_of(probe: &Probe, of: impl Fn(usize) -> Vec<f64>) -> Vec<f64> {
+    let weighted = |&(condition, weight): &(usize, f64)| of(condition).into_iter().map(|v| v * weight).collect();
+    let add = |mut sum: Vec<f64>, part: Vec<f64>| {
+        sum.iter_mut().zip(part).for_each(|(sum, v)| *sum += v);
+        sum
+    };
+    probe.parts.iter().map(weighted).reduce(add).unwrap_or_default()
+}
+
 impl HeldOutErrors {
     /// Errors of `fit` on the held-out conditions of `dataset`. Conditions without any indirect light are left out.
     pub fn of(fit: &Fit, dataset: &Dataset, gram: &Gram) -> Self {
-        let products = fit.element_products(gram);
-        let conditions: Vec<usize> = dataset.held_out().filter(|&h| gram.is_lit(h)).collect();
-        let (transfer, oracle) = conditions.par_iter().map(|&h| errors_of(fit, dataset, gram, &products, h)).unzip();
-        Self { transfer, oracle }
+        Tested::global(fit, dataset, gram).errors()
     }
 
     /// Errors of a local basis, as it is stored, and its transfer.
@@ -55,31 +225,7 @@ impl HeldOutErrors {
         gram: &Gram,
         progress: &dyn Progress,
     ) -> Result<Self, TransferError> {
-        let projections = project(local, terms, channels, dataset, progress)?;
-        // What the ridge leaves out of the oracle's projection is under 10⁻¹⁰ of the lightmap.
-        let mut regular = local.products.clone();
-        let width = regular.nrows();
-        let trace: f64 = (0..width).map(|i| regular[(i, i)]).sum();
-        let ridge = if trace > 0.0 { 1e-10 * trace / width as f64 } else { 1.0 };
-        (0..width).for_each(|i| regular[(i, i)] += ridge);
-        let cholesky = regular.llt(Side::Lower).map_err(|_| TransferError::NotFinite { what: "indirect light" })?;
-        let conditions: Vec<usize> = dataset.held_out().filter(|&h| gram.is_lit(h)).collect();
-        let errors = |&h: &usize| {
-            let (mut squared, mut oracle_squared) = (0.0, 0.0);
-            for (g, group) in groups(channels).iter().enumerate() {
-                let truth = product(gram, channels, (g, h), (g, h));
-                let projected = &projections[g * dataset.held_out().len() + h - dataset.training];
-                let direct = direct_vector(dataset, group, h);
-                let u: Vec<f64> = (&local.matrices[g] * ColRef::from_slice(&direct)).iter().copied().collect();
-                squared += distance(truth, projected, &local.products, &u);
-                let best: Vec<f64> = cholesky.solve(ColRef::from_slice(projected)).iter().copied().collect();
-                oracle_squared += distance(truth, projected, &local.products, &best);
-            }
-            let norm = gram.squared_norm(h);
-            ((squared.max(0.0) / norm).sqrt(), (oracle_squared.max(0.0) / norm).sqrt())
-        };
-        let (transfer, oracle) = conditions.par_iter().map(errors).unzip();
-        Ok(Self { transfer, oracle })
+        Ok(Tested::local(local, terms, channels, dataset, gram, progress)?.errors())
     }
 
     pub fn summary(&self) -> ErrorSummary {
@@ -98,31 +244,6 @@ pub fn mean_median_worst(values: &[f64]) -> (f64, f64, f64) {
     let n = sorted.len();
     let median = (sorted[(n - 1) / 2] + sorted[n / 2]) / 2.0;
     (values.iter().sum::<f64>() / n as f64, median, sorted[n - 1])
-}
-
-/// Relative errors (transfer, oracle) on condition `h`.
-fn errors_of(fit: &Fit, dataset: &Dataset, gram: &Gram, products: &Mat<f64>, h: usize) -> (f64, f64) {
-    let channels = fit.settings.channels;
-    let (mut squared, mut oracle_squared) = (0.0, 0.0);
-    for (g, group) in groups(channels).iter().enumerate() {
-        let truth = product(gram, channels, (g, h), (g, h));
-        let projected = fit.project(gram, (g, h));
-        let direct = direct_vector(dataset, group, h);
-        let u = fit.coefficients(g, &direct);
-        squared += distance(truth, &projected, products, &u);
-        // The oracle's coefficients: projections on the orthonormal elements; the mean is not a free one.
-        let mean = if fit.has_mean() { Some(u[0]) } else { None };
-        let best: Vec<f64> = (0..u.len())
-            .map(|j| match mean {
-                Some(mean) if j == 0 => mean,
-                Some(mean) => projected[j] - mean * products[(j, 0)],
-                None => projected[j],
-            })
-            .collect();
-        oracle_squared += distance(truth, &projected, products, &best);
-    }
-    let norm = gram.squared_norm(h);
-    ((squared.max(0.0) / norm).sqrt(), (oracle_squared.max(0.0) / norm).sqrt())
 }
 
 /// |i − U u|².

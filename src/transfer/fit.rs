@@ -71,7 +71,26 @@ pub struct TrainSettings {
     pub lambda: Lambda,
 }
 
+/// What fits of all sizes and λ to the same weighted vectors have in common: their decompositions.
+pub struct Spectrum {
+    channels: Channels,
+    /// Whether the mean was subtracted.
+    centred: bool,
+    /// Training conditions, and those that were kept.
+    all: usize,
+    kept: Vec<usize>,
+    weights: Vec<f64>,
+    /// What each vector counts in the mean.
+    share: Vec<f64>,
+    /// Of the lightmaps, largest first, and what of each vector they are made of.
+    singular_values: Vec<f64>,
+    vectors: Mat<f64>,
+    /// Of the direct vectors, one a group.
+    ridges: Vec<Ridge>,
+}
+
 /// A fitted basis and transfer, in the space of training vectors.
+#[derive(Clone)]
 pub struct Fit {
     pub settings: TrainSettings,
     /// The relative λ that was used.
@@ -117,26 +136,27 @@ pub(super) fn product(gram: &Gram, channels: Channels, a: (usize, usize), b: (us
     }
 }
 
-impl Fit {
-    /// Fits basis and transfer matrix to the training conditions of `dataset`.
+impl Spectrum {
+    /// Decomposes the training conditions of `dataset` for fits of the given method (those of [`Method::Linear`] and
+    /// [`Method::Local`] are the same), and of as many elements at least.
     ///
     /// # Errors
     /// [`TransferError::TooFewConditions`] when fewer conditions than basis elements are usable.
-    pub fn train(dataset: &Dataset, gram: &Gram, settings: TrainSettings) -> Result<Self, TransferError> {
-        Self::train_on(dataset, gram, 0..dataset.training, settings)
+    pub fn of(dataset: &Dataset, gram: &Gram, settings: TrainSettings) -> Result<Self, TransferError> {
+        Self::of_some(dataset, gram, 0..dataset.training, settings)
     }
 
-    /// The same, on some of the training conditions.
+    /// The same of some of the training conditions.
     ///
     /// # Errors
-    /// As [`Self::train`].
-    pub fn train_on(
+    /// As [`Self::of`].
+    pub fn of_some(
         dataset: &Dataset,
         gram: &Gram,
         conditions: impl IntoIterator<Item = usize>,
         settings: TrainSettings,
     ) -> Result<Self, TransferError> {
-        let TrainSettings { method, channels, elements, lambda } = settings;
+        let TrainSettings { method, channels, elements, .. } = settings;
         let groups = groups(channels);
         let lit = |condition: &usize| {
             let seen = groups.iter().any(|group| direct_vector(dataset, group, *condition).iter().any(|&x| x != 0.0));
@@ -168,39 +188,18 @@ impl Fit {
             Method::Belcour => norms.iter().map(|&norm| if norm > 0.0 { 1.0 / norm } else { 0.0 }).collect(),
         };
         let used = weights.iter().filter(|&&w| w > 0.0).count();
-        let elements = if method == Method::Local { used.min(LOCAL_TERMS) } else { elements };
 
         // Columns of `centring` map weighted vectors to the vectors that the SVD is taken of: I, or I − 1 1ᵀ/N where the mean
         // is subtracted.
         let weighted_gram = Mat::from_fn(weights.len(), weights.len(), |a, b| {
             weights[a] * weights[b] * product(gram, channels, (a / n, kept[a % n]), (b / n, kept[b % n]))
         });
-        let subtracts_mean = method == Method::Belcour;
-        let share = |v: usize| if subtracts_mean && weights[v] > 0.0 { 1.0 / used as f64 } else { 0.0 };
-        let centred = if subtracts_mean { centre(weighted_gram.as_ref(), &share) } else { weighted_gram };
-        let (values, vectors) = eigen_descending(centred.as_ref())?;
+        let centred = method == Method::Belcour;
+        let share_of = |&weight: &f64| if centred && weight > 0.0 { 1.0 / used as f64 } else { 0.0 };
+        let share: Vec<f64> = weights.iter().map(share_of).collect();
+        let of_svd = if centred { centre(weighted_gram.as_ref(), &|v| share[v]) } else { weighted_gram };
+        let (values, vectors) = eigen_descending(of_svd.as_ref())?;
         let singular_values: Vec<f64> = values.iter().map(|v| v.max(0.0).sqrt()).collect();
-
-        // Elements of the SVD, after the mean if there is one. Where the data have lower rank the rest stay zero.
-        let first = usize::from(subtracts_mean);
-        let rank = singular_values.iter().take_while(|&&s| s > singular_values[0] * 1e-7 && s > 0.0).count();
-        let spectral = elements.saturating_sub(first).min(rank);
-        let mut combination = Mat::<f64>::zeros(weights.len(), elements);
-        if subtracts_mean {
-            (0..weights.len()).for_each(|v| combination[(v, 0)] = weights[v] * share(v));
-        }
-        for j in 0..spectral {
-            let mean: f64 = (0..weights.len()).filter(|&v| share(v) > 0.0).map(|v| vectors[(v, j)]).sum();
-            for v in 0..weights.len() {
-                let centred = vectors[(v, j)] - mean * share(v);
-                combination[(v, first + j)] = weights[v] * centred / singular_values[j];
-            }
-        }
-        // C = Uᵀ I = Σ Vᵀ, with a zero row for the mean: its coefficient is not fitted.
-        let coefficients = Mat::from_fn(elements, weights.len(), |j, v| {
-            if j < first || j >= first + spectral { 0.0 } else { singular_values[j - first] * vectors[(v, j - first)] }
-        });
-
         let ridges = direct
             .par_iter()
             .enumerate()
@@ -209,21 +208,86 @@ impl Fit {
                 Ridge::new(weighted.as_ref())
             })
             .collect::<Result<Vec<Ridge>, _>>()?;
+        Ok(Self { channels, centred, all, kept, weights, share, singular_values, vectors, ridges })
+    }
+
+    /// Of the lightmaps, largest first.
+    pub fn singular_values(&self) -> &[f64] {
+        &self.singular_values
+    }
+
+    /// Fits basis and transfer matrix. Of `settings` the elements and λ count, and whether the basis is to become local.
+    ///
+    /// # Errors
+    /// [`TransferError::TooFewConditions`] when fewer conditions than basis elements are usable.
+    pub fn fit(&self, settings: TrainSettings) -> Result<Fit, TransferError> {
+        let Self { centred, all, kept, weights, share, singular_values, vectors, ridges, .. } = self;
+        let TrainSettings { method, elements, lambda, .. } = settings;
+        let n = kept.len();
+        if n < elements.max(1) {
+            return Err(TransferError::TooFewConditions { kept: n, all: *all, elements });
+        }
+        let used = weights.iter().filter(|&&w| w > 0.0).count();
+        let elements = if method == Method::Local { used.min(LOCAL_TERMS) } else { elements };
+
+        // Elements of the SVD, after the mean if there is one. Where the data have lower rank the rest stay zero.
+        let first = usize::from(*centred);
+        let rank = singular_values.iter().take_while(|&&s| s > singular_values[0] * 1e-7 && s > 0.0).count();
+        let spectral = elements.saturating_sub(first).min(rank);
+        let mut combination = Mat::<f64>::zeros(weights.len(), elements);
+        if *centred {
+            (0..weights.len()).for_each(|v| combination[(v, 0)] = weights[v] * share[v]);
+        }
+        for j in 0..spectral {
+            let mean: f64 = (0..weights.len()).filter(|&v| share[v] > 0.0).map(|v| vectors[(v, j)]).sum();
+            for v in 0..weights.len() {
+                let centred = vectors[(v, j)] - mean * share[v];
+                combination[(v, first + j)] = weights[v] * centred / singular_values[j];
+            }
+        }
+        // C = Uᵀ I = Σ Vᵀ, with a zero row for the mean: its coefficient is not fitted.
+        let coefficients = Mat::from_fn(elements, weights.len(), |j, v| {
+            if j < first || j >= first + spectral { 0.0 } else { singular_values[j - first] * vectors[(v, j - first)] }
+        });
+
         let of_group = |g: usize| coefficients.as_ref().subcols(g * n, n);
-        let relative = choose_lambda(lambda, &ridges, of_group);
+        let relative = choose_lambda(lambda, ridges, of_group);
         let matrices = ridges.iter().enumerate().map(|(g, r)| r.solve(of_group(g), relative(r))).collect();
-        Ok(Self {
-            settings,
+        Ok(Fit {
+            settings: TrainSettings { channels: self.channels, ..settings },
             lambda: ridges.first().map_or(0.0, |r| relative(r) / r.mean_square.max(f64::MIN_POSITIVE)),
             dropped: all - n,
-            singular_values,
+            singular_values: singular_values.clone(),
             prior: false,
             condition_number: ridges.iter().map(Ridge::condition_number).fold(1.0, f64::max),
             combination,
-            kept,
-            weights,
+            kept: kept.clone(),
+            weights: weights.clone(),
             matrices,
         })
+    }
+}
+
+impl Fit {
+    /// Fits basis and transfer matrix to the training conditions of `dataset`.
+    ///
+    /// # Errors
+    /// [`TransferError::TooFewConditions`] when fewer conditions than basis elements are usable.
+    pub fn train(dataset: &Dataset, gram: &Gram, settings: TrainSettings) -> Result<Self, TransferError> {
+        Spectrum::of(dataset, gram, settings)?.fit(settings)
+    }
+
+    /// The same, on some of the training conditions.
+    ///
+    /// # Errors
+    /// As [`Self::train`].
+    pub fn train_on(
+        dataset: &Dataset,
+        gram: &Gram,
+        conditions: impl IntoIterator<Item = usize>,
+        settings: TrainSettings,
+    ) -> Result<Self, TransferError> {
+        Spectrum::of_some(dataset, gram, conditions, settings)?.fit(settings)
     }
 
     /// Whether element 0 is the mean, scaled by ‖x‖.

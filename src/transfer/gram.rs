@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::TransferError;
 use crate::dataset::{Dataset, ROWS};
+use crate::math::Rgb;
 use crate::progress::Progress;
 
 /// Inner products of all pairs of lightmap vectors, weighted by texel area: one vector per channel and condition.
@@ -85,6 +86,22 @@ impl Gram {
         norms.sort_by(f64::total_cmp);
         gram.dark = norms.get(norms.len() / 2).map_or(0.0, |median| median * DARK * DARK);
         Ok(gram)
+    }
+
+    /// Of some of the conditions, in this order. Which of them are dark stays as it is.
+    pub fn select(&self, conditions: &[usize]) -> Self {
+        let n = conditions.len();
+        let column = |i: usize| i / n * self.conditions + conditions[i % n];
+        let products = Mat::from_fn(3 * n, 3 * n, |r, c| self.products[(column(r), column(c))]);
+        Self { products, conditions: n, dark: self.dark }
+    }
+
+    /// Of the same conditions with the colours of their lights multiplied, each by its tint.
+    pub fn tinted(&self, tints: &[Rgb]) -> Self {
+        let n = self.conditions;
+        let tint = |i: usize| tints[i % n][i / n] as f64;
+        let products = Mat::from_fn(3 * n, 3 * n, |r, c| self.products[(r, c)] * tint(r) * tint(c));
+        Self { products, ..*self }
     }
 
     /// Inner product of the lightmaps of two conditions, each in one channel.

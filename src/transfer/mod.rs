@@ -21,8 +21,8 @@ use crate::dataset::ROWS;
 use crate::model::Channels;
 
 pub use budget::{Budget, Candidate, Size};
-pub use error::{ErrorSummary, HeldOutErrors};
-pub use fit::{Fit, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings};
+pub use error::{ErrorSummary, HeldOutErrors, Probe, Tested};
+pub use fit::{Fit, Lambda, Method, PUBLISHED_LAMBDA, Spectrum, TrainSettings};
 pub use gram::Gram;
 pub use local::{LocalFit, Precision, Terms};
 pub use prior::{Prior, PriorSums};

@@ -58,7 +58,7 @@ impl Rendered {
             noise.extend(self.convert(&store, batch, &selected[range.clone()], lightmap, progress)?.relative_rmse());
             let of_batch: Vec<f32> = direct.chunks_exact(n).flat_map(|row| row[range.clone()].to_vec()).collect();
             store.write_direct(batch, &of_batch)?;
-            batches.push(Column { batch, columns: range.map(|c| Some(c as u32)).collect() });
+            batches.push(Column { folder: shards.into(), batch, columns: range.map(|c| Some(c as u32)).collect() });
         }
         Ok(Dataset {
             conditions,
