@@ -1,5 +1,8 @@
 //! The run time on the GPU: measure, downsample, transfer, reconstruct, shade, resolve.
 //!
+//! An engine takes a [`Relighter`], which works on its device, in its encoder, for its shaders; `examples/embed.rs` is one.
+//! A [`Runtime`] draws pictures by itself.
+//!
 //! One WGSL file a stage in `shaders/`, each held against its CPU twin by `tests/gpu_matches_cpu.rs`. Everything stays
 //! within WebGPU's default limits on bindings and needs no optional feature.
 //!
@@ -13,18 +16,23 @@ mod bvh;
 mod device;
 mod layout;
 mod measurement;
+mod point_textures;
 mod reconstruction;
+mod relighter;
 mod runtime;
 mod scene;
 pub mod shader;
 mod shading;
+mod stored;
 mod textures;
 mod timer;
 
 pub use device::{Gpu, GpuError};
 pub use layout::{
-    BasisShape, Blocker, FrameUniforms, GpuLight, GpuMaterial, Node, SubPoint, TextureUse, TransferShape, Triangle,
-    Vertex,
+    Blocker, FrameUniforms, GpuLight, GpuMaterial, Node, SubPoint, TextureUse, TransferShape, Triangle, Vertex,
 };
+pub use point_textures::PointTextures;
+pub use relighter::{Measure, Relighter, Settings};
 pub use runtime::Runtime;
+pub use shader::Lookup;
 pub use timer::PassTimes;
