@@ -71,8 +71,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     // A spot light at one side of the asset that shines at the other.
     let bounds = asset.mesh.bounds();
     let (centre, size) = (bounds.centre(), bounds.max - bounds.min);
-    let position = centre + size * Vec3::new(-0.2, 0.25, -0.3);
-    let direction = (centre + size * Vec3::new(0.5, -0.05, 0.2) - position).normalize();
+    let position = centre + size * Vec3::new(-0.25, 0.3, -0.45);
+    let direction = (centre + size * Vec3::new(0.5, 0.1, 0.0) - position).normalize();
     let camera = asset.cameras.first().cloned().unwrap_or_else(|| Camera::that_sees(&bounds));
     let clip_from_world = View::new(camera, width, height).pinhole()?.clip_from_world(0.01);
     let frame = buffer(&[&clip_from_world.to_cols_array()[..], &position.to_array(), &direction.to_array()].concat());
@@ -141,7 +141,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     drop(pass);
     queue.submit([encoder.finish()]);
     let picture = Picture { width, height, pixels: gpu.read_texture(&picture)? };
-    let pixels = picture.srgb8(10.0 * size.length_squared());
+    let pixels = picture.srgb8(5.0 * size.length_squared());
     image::save_buffer(png, pixels.as_flattened(), width, height, image::ColorType::Rgb8)?;
     println!("wrote {png}: {lookup:?} lookup on {}", adapter.get_info().name);
     Ok(())

@@ -6,7 +6,6 @@ use super::layout::{SubPoint, TransferShape};
 use super::point_textures::PointTextures;
 use super::scene::Scene;
 use super::shader::{Lookup, Stage};
-use super::textures::elements_per_layer;
 use super::timer::Timer;
 use crate::model::{Channels, Model, Transfer};
 
@@ -62,7 +61,7 @@ impl Measurement {
         let exitance =
             gpu.written::<[f32; 4]>("the sub-points' light", PointTextures::texels(points.sub_points.len()))?;
         let direct = gpu.written::<[f32; 4]>("the direct vector", points.points.len())?;
-        let padded = transfer.elements + elements_per_layer(model.basis.components);
+        let padded = transfer.elements + model.basis.elements_per_layer();
         let coefficients = gpu.written::<[f32; 4]>("the coefficients", padded)?;
 
         let layout = |stage: Stage, types| bindings::layout(gpu, stage.name(), wgpu::ShaderStages::COMPUTE, types);

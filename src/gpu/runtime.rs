@@ -42,7 +42,7 @@ impl Runtime {
         let scene = scene.as_ref().expect("it measures by rays");
         let shading = Shading::new(gpu, scene, &model.basis, lookup, relighter.bind_group_layout());
         gpu.check()?;
-        let timer = gpu.has_timestamps().then(|| Timer::new(gpu));
+        let timer = gpu.has_timestamps().then(|| Timer::new(gpu, 1));
         let (sub_points, points) = (model.points.sub_points.len(), model.points.points.len());
         let elements = model.transfer.elements;
         Ok(Self { relighter, shading, timer, sub_points, points, elements })
@@ -160,9 +160,11 @@ impl Runtime {
         Ok(Picture { width, height, pixels })
     }
 
-    /// How long each pass of the last [`Runtime::relight`] and [`Runtime::draw`] took; none where the GPU cannot tell.
+    /// How long each pass of the last [`Runtime::relight`] and [`Runtime::draw`] took; none where the GPU cannot tell. Passes that
+    /// were not run since this was last asked took no time.
     pub fn pass_times(&self) -> Result<Option<PassTimes>, GpuError> {
-        self.timer.as_ref().map(|timer| timer.read(self.gpu())).transpose()
+        let read = |timer: &Timer| Ok(timer.read(self.gpu())?[0]);
+        self.timer.as_ref().map(read).transpose()
     }
 
     fn run(&self, stages: &[Stage]) {

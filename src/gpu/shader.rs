@@ -1,6 +1,5 @@
 //! The stages' WGSL, each composed of the files that it builds on.
 
-use super::textures::elements_per_layer;
 use crate::model::Basis;
 
 /// One pass.
@@ -30,6 +29,8 @@ const LOOKUP_BILINEAR: &str = include_str!("../../shaders/lookup_bilinear.wgsl")
 const LOOKUP_FILTERED: &str = include_str!("../../shaders/lookup_filtered.wgsl");
 const SHADE: &str = include_str!("../../shaders/shade.wgsl");
 const RESOLVE: &str = include_str!("../../shaders/resolve.wgsl");
+const BENCH: &str = include_str!("../../shaders/bench.wgsl");
+pub const COPY: &str = include_str!("../../shaders/copy.wgsl");
 
 /// Where a fragment shader gets indirect light from.
 ///
@@ -47,7 +48,7 @@ pub enum Lookup {
 impl Lookup {
     /// What is likely the cheaper one where about `fragments` are shaded for each change of light.
     pub fn cheaper(basis: &Basis, fragments: usize) -> Self {
-        let layers = basis.elements.div_ceil(elements_per_layer(basis.components));
+        let layers = basis.layers();
         let texels = basis.size * basis.size;
         let (texel, fragment) = match basis.anchors {
             None => (layers, layers),
@@ -100,14 +101,18 @@ pub fn indirect_irradiance(basis: &Basis, lookup: Lookup, group: u32) -> String 
     parts.join("\n").replace("@group(0)", &format!("@group({group})"))
 }
 
+/// The module of what is timed in the place of [`Stage::Shade`].
+pub fn bench(basis: &Basis, lookup: Lookup) -> String {
+    [Stage::Shade.source(basis, lookup).as_str(), BENCH].join("\n")
+}
+
 fn texel(basis: &Basis) -> &'static str {
     if basis.anchors.is_some() { BASIS_LOCAL } else { BASIS_GLOBAL }
 }
 
 /// Constants, so that compilers unroll loops over layers.
 fn shape(basis: &Basis) -> String {
-    let per_layer = elements_per_layer(basis.components);
-    let layers = basis.elements.div_ceil(per_layer);
+    let (layers, per_layer) = (basis.layers(), basis.elements_per_layer());
     [
         ("RELIGHT_SIZE", "texels along a side", basis.size),
         ("RELIGHT_ELEMENTS", "coefficients, or those of an anchor", basis.elements),

@@ -11,7 +11,7 @@ use crate::model::Basis;
 
 /// Radiance is kept in f32: a picture written as OpenEXR loses nothing.
 const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
-const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+pub const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 /// Side of a workgroup in `resolve.wgsl`.
 const TILE: u32 = 8;
 
@@ -54,7 +54,7 @@ impl Shading {
         let resolve_layout = bindings::layout(gpu, "resolve", wgpu::ShaderStages::COMPUTE, &types);
         Self {
             depth: [false, true].map(|double_sided| [false, true].map(|masked| pipelines.depth(double_sided, masked))),
-            shade: [false, true].map(|double_sided| pipelines.shade(double_sided)),
+            shade: [false, true].map(|double_sided| pipelines.shade(double_sided, "shade", RADIANCE)),
             resolve: bindings::compute_pipeline(
                 gpu,
                 Stage::Resolve,
@@ -148,7 +148,7 @@ impl Shading {
     }
 }
 
-fn draw_batches<'p>(
+pub fn draw_batches<'p>(
     pass: &mut wgpu::RenderPass,
     scene: &Scene,
     indirect: &wgpu::BindGroup,
@@ -187,21 +187,21 @@ impl Target {
 }
 
 /// What the pipelines of `shade.wgsl` have in common.
-struct Pipelines<'a> {
-    gpu: &'a Gpu,
-    module: wgpu::ShaderModule,
-    layout: wgpu::PipelineLayout,
+pub struct Pipelines<'a> {
+    pub gpu: &'a Gpu,
+    pub module: wgpu::ShaderModule,
+    pub layout: wgpu::PipelineLayout,
 }
 
 impl Pipelines<'_> {
-    fn depth(&self, double_sided: bool, masked: bool) -> wgpu::RenderPipeline {
+    pub fn depth(&self, double_sided: bool, masked: bool) -> wgpu::RenderPipeline {
         let cut_out = masked.then_some("cut_out");
         self.pipeline(double_sided, wgpu::CompareFunction::Greater, cut_out, &[])
     }
 
-    fn shade(&self, double_sided: bool) -> wgpu::RenderPipeline {
-        let colour = [Some(RADIANCE.into())];
-        self.pipeline(double_sided, wgpu::CompareFunction::Equal, Some("shade"), &colour)
+    /// Shades what is visible, by the entry point `fragment`, into `format`.
+    pub fn shade(&self, double_sided: bool, fragment: &str, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
+        self.pipeline(double_sided, wgpu::CompareFunction::Equal, Some(fragment), &[Some(format.into())])
     }
 
     fn pipeline(

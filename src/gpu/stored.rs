@@ -2,7 +2,7 @@
 
 use super::bindings::{self, READ, UNIFORM};
 use super::device::{Gpu, GpuError};
-use super::textures::{Pixels, elements_per_layer, upload_basis};
+use super::textures::{Pixels, upload_basis};
 use crate::model::Basis;
 
 pub struct StoredBasis {
@@ -30,8 +30,7 @@ impl StoredBasis {
                 None
             }
         };
-        let layers = basis.elements.div_ceil(elements_per_layer(basis.components));
-        let texel = layers * 4 * (basis.values.bytes() / basis.values.len().max(1)) + 8 * anchors.iter().len();
+        let texel = basis.layers() * 4 * (basis.values.bytes() / basis.values.len().max(1)) + 8 * anchors.iter().len();
         let bytes = (texel * basis.size * basis.size) as u64;
         Ok(Self { coefficients: coefficients.clone(), values, anchors, bytes })
     }
