@@ -44,16 +44,17 @@ pub fn page(model: &Model) -> String {
     } else {
         ""
     };
+    let linear = if transfer.mean_scaled_by_norm { "" } else { ", linear in the light" };
     format!(
         "# Indirect light for {name}
 
-Written by relight {version}. Direct light at {p} points in, indirect light of the whole asset out: linear in the light, no rays at
-run time but the shadows at the points.
+Written by relight {version}. Direct light at {p} points in, indirect light of the whole asset out{linear}; no rays at run time but the
+shadows at the points.
 
 | file | holds |
 |---|---|
 | `asset.glb` | the asset; its lightmap coordinates are TEXCOORD_1 |
-| `basis.ktx2` | the basis: {size} x {size}, {layers} layers of {per_layer}, {format} |
+| `basis.ktx2` | the basis: {size} x {size}, layers of {per_layer}, {layers} in all, {format} |
 {local}| `basis.exr` | the same, a channel an element, with scales applied: to look at, or to bake into other formats |
 | `transfer.json`, `transfer.safetensors` | points, sub-points, matrices, twice: as text and as named tensors |
 | `downsample.wgsl`, `transfer.wgsl`, `reconstruct.wgsl` | compute shaders of steps 2, 3 and 4; bindings are at their heads |

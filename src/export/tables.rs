@@ -43,13 +43,19 @@ pub fn json(model: &Model) -> String {
     format!("{value}\n")
 }
 
+/// A column of a set of points.
+type Field = fn(&MeasurementPoint) -> Vec3;
+
+/// Name, type, shape, bytes.
+type Tensor = (String, Dtype, Vec<usize>, Vec<u8>);
+
 /// The same numbers as tensors, named as in a model file.
 pub fn safetensors(model: &Model) -> Vec<u8> {
     let (transfer, points) = (&model.transfer, &model.points);
     let row = transfer.matrices[0].len() / transfer.elements.max(1);
     let matrices = transfer.matrices.concat();
     let neighbours = vec![points.points.len(), points.neighbours_per_point()];
-    let mut tensors: Vec<(String, Dtype, Vec<usize>, Vec<u8>)> = vec![
+    let mut tensors: Vec<Tensor> = vec![
         (
             "transfer".into(),
             Dtype::F32,
@@ -58,7 +64,7 @@ pub fn safetensors(model: &Model) -> Vec<u8> {
         ),
         ("points.neighbours".into(), Dtype::U32, neighbours, bytemuck::cast_slice(&points.neighbours).to_vec()),
     ];
-    let fields: [(&str, fn(&MeasurementPoint) -> Vec3); 4] = [
+    let fields: [(&str, Field); 4] = [
         ("position", |p| p.position),
         ("normal", |p| p.normal),
         ("geometric_normal", |p| p.geometric_normal),

@@ -1,4 +1,7 @@
-//! What each pass costs on an adapter: its own clock, after a warm-up, over many frames.
+//! What each pass costs on an adapter, by its own clock, after a warm-up, over many frames.
+//!
+//! Adapters without a clock are timed by the wall's, and so are those that run on the CPU: llvmpipe's stamps do not wait for
+//! its compute passes.
 
 use std::time::{Duration, Instant};
 
@@ -35,12 +38,15 @@ pub struct Cost {
 }
 
 impl Cost {
-    fn of(mut samples: Vec<f64>) -> Self {
+    fn of(mut samples: Vec<f64>, frames: usize) -> Self {
         samples.sort_by(f64::total_cmp);
         let at = |share: f64| samples[((samples.len() - 1) as f64 * share).round() as usize];
-        Self { median: at(0.5), tenth: at(0.1), ninetieth: at(0.9), frames: samples.len() }
+        Self { median: at(0.5), tenth: at(0.1), ninetieth: at(0.9), frames }
     }
 }
+
+/// Picks a pass.
+type Pick = fn(&PassTimes) -> f64;
 
 /// What of a frame shades a fragment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,26 +60,25 @@ pub enum Shaded {
 /// One model on the device, to be timed.
 pub struct Bench {
     relighter: Relighter,
-    timer: Timer,
+    /// None where it is the wall clock that tells.
+    timer: Option<Timer>,
     module: wgpu::ShaderModule,
     layout: wgpu::PipelineLayout,
 }
 
 impl Bench {
-    /// Uploads `model`, lit by `lights`. `None` where the adapter has no clock.
-    pub fn new(gpu: Gpu, model: &Model, lookup: Lookup, lights: &[Light]) -> Result<Option<Self>, GpuError> {
-        if !gpu.has_timestamps() {
-            return Ok(None);
-        }
+    /// Uploads `model`, lit by `lights`.
+    pub fn new(gpu: Gpu, model: &Model, lookup: Lookup, lights: &[Light]) -> Result<Self, GpuError> {
         let mut relighter = Relighter::on(gpu, model, Settings { measure: Measure::Rays, lookup })?;
         relighter.set_lights(lights)?;
         let gpu = &relighter.gpu;
         let module = bindings::module(gpu, Stage::Shade, shader::bench(&model.basis, lookup));
         let groups = [&scene_of(&relighter).layout, relighter.bind_group_layout()];
         let layout = bindings::pipeline_layout(gpu, "bench", &groups);
-        let timer = Timer::new(gpu, BATCH);
+        let on_cpu = gpu.device.adapter_info().device_type == wgpu::DeviceType::Cpu;
+        let timer = (gpu.has_timestamps() && !on_cpu).then(|| Timer::new(gpu, BATCH));
         gpu.check()?;
-        Ok(Some(Self { relighter, timer, module, layout }))
+        Ok(Self { relighter, timer, module, layout })
     }
 
     pub fn set_lights(&mut self, lights: &[Light]) -> Result<(), GpuError> {
@@ -85,6 +90,11 @@ impl Bench {
         scene_of(&self.relighter).frame.light_count as usize
     }
 
+    /// Whether times are the adapter's own, rather than the wall clock's.
+    pub fn has_clock(&self) -> bool {
+        self.timer.is_some()
+    }
+
     /// Bytes of the basis on the GPU.
     pub fn basis_bytes(&self) -> u64 {
         self.relighter.basis_bytes()
@@ -92,15 +102,23 @@ impl Bench {
 
     /// Measure, downsample, transfer and, with [`Lookup::Texture`], reconstruct.
     pub fn relight(&self) -> Result<Vec<(Stage, Cost)>, GpuError> {
-        let frames = self.frames(&|encoder| self.relighter.encode_timed(encoder, Some(&self.timer)))?;
-        let passes: [(Stage, fn(&PassTimes) -> f64); 4] = [
+        let passes: [(Stage, Pick); 4] = [
             (Stage::Measure, |t| t.measure),
             (Stage::Downsample, |t| t.downsample),
             (Stage::Transfer, |t| t.transfer),
             (Stage::Reconstruct, |t| t.reconstruct),
         ];
-        let all = if self.relighter.irradiance().is_some() { 4 } else { 3 };
-        Ok(passes[..all].iter().map(|(stage, of)| (*stage, Cost::of(frames.iter().map(of).collect()))).collect())
+        let all = passes.map(|(stage, _)| stage);
+        let count = if self.relighter.irradiance().is_some() { 4 } else { 3 };
+        let cost = |(stage, of): &(Stage, Pick)| -> Result<(Stage, Cost), GpuError> {
+            // The adapter's clock tells them apart where they follow each other; the wall's does not.
+            let stages = if self.timer.is_some() { &all[..] } else { std::slice::from_ref(stage) };
+            let record = |encoder: &mut wgpu::CommandEncoder, timer: Option<&Timer>| {
+                self.relighter.encode_stages(encoder, stages, timer);
+            };
+            Ok((*stage, self.cost(&record, *of)?))
+        };
+        passes[..count].iter().map(cost).collect()
     }
 
     /// Shading of all that `view` sees, without the depth pass before it.
@@ -145,7 +163,7 @@ impl Bench {
         drop(pass);
         gpu.queue.submit([encoder.finish()]);
 
-        let frames = self.frames(&|encoder| {
+        let record = |encoder: &mut wgpu::CommandEncoder, timer: Option<&Timer>| {
             let colour = wgpu::RenderPassColorAttachment {
                 view: &colour,
                 depth_slice: None,
@@ -156,13 +174,13 @@ impl Bench {
                 label: Some("bench"),
                 color_attachments: &[Some(colour)],
                 depth_stencil_attachment: Some(attachment(None)),
-                timestamp_writes: Some(self.timer.only_shade_pass()),
+                timestamp_writes: timer.map(Timer::only_shade_pass),
                 ..Default::default()
             });
             let of = |batch: &super::scene::Batch| &shades[batch.double_sided as usize];
             draw_batches(&mut pass, scene, self.relighter.bind_group(), of);
-        })?;
-        Ok(Cost::of(frames.iter().map(|t| t.shade).collect()))
+        };
+        self.cost(&record, |t| t.shade)
     }
 
     /// A copy of this many bytes within the GPU's memory: twice as many are moved.
@@ -187,32 +205,38 @@ impl Bench {
         });
         let workgroups = vectors.div_ceil(256) as u32;
         let across = workgroups.min(1 << 14);
-        let frames = self.frames(&|encoder| {
+        let record = |encoder: &mut wgpu::CommandEncoder, timer: Option<&Timer>| {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("copy"),
-                timestamp_writes: Some(self.timer.compute_pass(Stage::Measure)),
+                timestamp_writes: timer.map(|timer| timer.compute_pass(Stage::Measure)),
             });
             pass.set_pipeline(&pipeline);
             pass.set_bind_group(0, &group, &[]);
             pass.dispatch_workgroups(across, workgroups.div_ceil(across), 1);
-        })?;
-        Ok(Cost::of(frames.iter().map(|t| t.measure).collect()))
+        };
+        self.cost(&record, |t| t.measure)
     }
 
-    /// The times of many frames, each of which `record` records.
-    fn frames(&self, record: &dyn Fn(&mut wgpu::CommandEncoder)) -> Result<Vec<PassTimes>, GpuError> {
+    /// What one pass of many frames costs: `record` records the frame, `of` picks the pass.
+    fn cost(&self, record: &dyn Fn(&mut wgpu::CommandEncoder, Option<&Timer>), of: Pick) -> Result<Cost, GpuError> {
         let gpu = &self.relighter.gpu;
-        let batch = |size: u32| -> Result<Vec<PassTimes>, GpuError> {
+        let timer = self.timer.as_ref();
+        // Microseconds of each frame, or by the wall clock of a frame in the mean.
+        let batch = |size: u32| -> Result<Vec<f64>, GpuError> {
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             for frame in 0..size {
-                self.timer.frame.set(frame);
-                record(&mut encoder);
+                if let Some(timer) = timer {
+                    timer.frame.set(frame);
+                }
+                record(&mut encoder, timer);
             }
+            let start = Instant::now();
             gpu.queue.submit([encoder.finish()]);
-            let mut times = self.timer.read(gpu)?;
-            times.truncate(size as usize);
-            gpu.check()?;
-            Ok(times)
+            if let Some(timer) = timer {
+                return Ok(timer.read(gpu)?[..size as usize].iter().map(of).collect());
+            }
+            gpu.wait()?;
+            Ok(vec![start.elapsed().as_secs_f64() * 1e6 / size as f64])
         };
         // The first frame compiles shaders; the second tells how many make a batch where drawing is slow.
         batch(1)?;
@@ -222,11 +246,13 @@ impl Bench {
         let size = (affordable as u32).clamp(1, BATCH);
         // A GPU that was idle wakes.
         batch(size)?;
-        let (start, mut times) = (Instant::now(), Vec::new());
-        while times.is_empty() || (times.len() < FRAMES && start.elapsed() < PATIENCE) {
-            times.extend(batch(size)?);
+        let (start, mut samples, mut frames) = (Instant::now(), Vec::new(), 0);
+        while samples.is_empty() || (frames < FRAMES && start.elapsed() < PATIENCE) {
+            samples.extend(batch(size)?);
+            frames += size as usize;
         }
-        Ok(times)
+        gpu.check()?;
+        Ok(Cost::of(samples, frames))
     }
 }
 
@@ -240,8 +266,8 @@ mod tests {
 
     #[test]
     fn cost_is_the_median_and_the_tenths() {
-        let cost = Cost::of((0..=100).rev().map(f64::from).collect());
+        let cost = Cost::of((0..=100).rev().map(f64::from).collect(), 101);
         assert_eq!(cost, Cost { median: 50.0, tenth: 10.0, ninetieth: 90.0, frames: 101 });
-        assert_eq!(Cost::of(vec![3.0]).ninetieth, 3.0);
+        assert_eq!(Cost::of(vec![3.0], 1).ninetieth, 3.0);
     }
 }
