@@ -1,7 +1,5 @@
-// Rasterises the asset and lights it: direct light behind shadow rays, indirect light from the reconstructed lightmap.
+// Rasterises the asset and lights it: direct light behind shadow rays, indirect light by one of the lookups, in group 1.
 // CPU twin: Model::render_with.
-@group(1) @binding(0) var irradiance: texture_2d<f32>; // indirect, W/m², over the lightmap's page
-
 struct Fragment {
     @builtin(position) @invariant position: vec4f,
     @location(0) position_ws: vec3f,
@@ -91,23 +89,4 @@ fn direct_radiance(position: vec3f, geometric_normal: vec3f, normal: vec3f, to_v
         }
     }
     return sum;
-}
-
-// Indirect irradiance at lightmap coordinates in [0, 1]², W/m², bilinear between texel centres. CPU twin:
-// LightmapImage::sample. Not by a sampler: not every GPU filters 32-bit floats, and those that do round the weights.
-fn indirect_irradiance(uv: vec2f) -> vec3f {
-    let last = vec2i(textureDimensions(irradiance)) - 1;
-    let p = uv * vec2f(last + 1) - 0.5;
-    let base = floor(p);
-    let f = p - base;
-    let low = clamp(vec2i(base), vec2i(0), last);
-    let high = clamp(vec2i(base) + 1, vec2i(0), last);
-    let top = mix(irradiance_at(low.x, low.y), irradiance_at(high.x, low.y), f.x);
-    let bottom = mix(irradiance_at(low.x, high.y), irradiance_at(high.x, high.y), f.x);
-    // A truncated basis may ring below zero; light does not.
-    return max(mix(top, bottom, f.y), vec3f(0.0));
-}
-
-fn irradiance_at(x: i32, y: i32) -> vec3f {
-    return textureLoad(irradiance, vec2i(x, y), 0).rgb;
 }

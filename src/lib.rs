@@ -13,6 +13,7 @@
 //! | [`measure`] | measurement points, their sub-points, the direct vector x |
 //! | [`model`] | the trained model, its file, relighting on the CPU |
 //! | [`gpu`] | the wgpu run time |
+//! | [`export`] | a model as files that engines load |
 //! | [`transport`] | the path tracer: light of N conditions along shared paths |
 //! | [`dataset`] | the matrices D and I, and the held-out set |
 //! | [`transfer`] | basis and transfer matrix from a dataset, choice of λ |
@@ -33,6 +34,8 @@ pub mod measure;
 pub mod model;
 #[cfg(feature = "gpu")]
 pub mod gpu;
+#[cfg(all(feature = "train", feature = "gpu"))]
+pub mod export;
 #[cfg(feature = "train")]
 pub mod transport;
 #[cfg(feature = "train")]

@@ -2,6 +2,8 @@
 //!
 //! Each comparison returns what differs, so that its control, a comparison that must fail, runs the same code.
 
+#[path = "common/host.rs"]
+mod host;
 #[path = "common/room.rs"]
 mod room;
 
@@ -11,11 +13,14 @@ use glam::{Vec2, Vec3};
 use libtest_mimic::{Arguments, Failed, Trial};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use relight::gpu::{Gpu, GpuError, Runtime};
+use relight::dataset::Draw;
+use relight::gpu::{Gpu, GpuError, Lookup, Measure, Relighter, Runtime, Settings};
 use relight::light::{EmissionFacets, EnvironmentImage, EnvironmentMap, Light, LightTable, Sky};
 use relight::math::Rgb;
-use relight::model::{Channels, Model, Picture, Shown, View, ViewError};
-use relight::scene::{Camera, Tracer};
+use relight::measure::MeasurementPoints;
+use relight::model::{Channels, LightmapImage, Model, Picture, Shown, Values, View, ViewError};
+use relight::scene::{Camera, Tracer, lay_out};
+use relight::scene_file::SceneFile;
 
 const EPSILON: f32 = f32::EPSILON;
 
@@ -43,6 +48,10 @@ fn main() {
         trial("reconstruct_matches_for_global_and_local_bases", reconstruct),
         trial("basis_lookup_matches", basis_lookup),
         trial("whole_picture_matches", whole_picture),
+        trial("a_hosts_shader_gets_the_light_of_the_texture_and_the_cpu", embedded),
+        trial("a_host_may_measure_by_itself", host_measures),
+        trial("sixty_four_elements_fit_default_limits", sixty_four_elements),
+        trial("every_stage_matches_on_every_scene", scenes),
         trial("many_lights_fit_after_few", many_lights),
         trial("absurd_views_are_refused_and_leave_the_runtime_usable", absurd_views),
     ];
@@ -101,17 +110,23 @@ fn measure_tolerance(light: &Light, position: Vec3, albedo: Rgb) -> f32 {
 
 fn measure() {
     let model = room::model(Channels::Mono, 4, false);
-    let mut runtime = Runtime::new(&model).unwrap();
+    let [lit, dark] = measure_matches(&model, &random_lights(48));
+    // Both answers occur.
+    assert!(lit > 1000 && dark > 1000, "{lit} lit, {dark} dark");
+}
+
+/// Holds the exitance of each sub-point under each light alone against the CPU's. Returns how many are lit and dark.
+fn measure_matches(model: &Model, lights: &[Light]) -> [usize; 2] {
+    let mut runtime = Runtime::new(model).unwrap();
     let tracer = Tracer::new(&model.asset);
-    let lights = random_lights(48);
-    let cpu = exitance_of_each(&model, &tracer, &lights);
+    let cpu = exitance_of_each(model, &tracer, lights);
     // A shadow ray that grazes an edge may fall on either side of it. Such a ray changes its mind when its origin moves a
     // hundred times farther than rounding does.
     let mut farther = Tracer::new(&model.asset);
     farther.offset *= 2.0;
-    let moved = exitance_of_each(&model, &farther, &lights);
+    let moved = exitance_of_each(model, &farther, lights);
 
-    let (mut lit, mut shadowed, mut grazing) = (0, 0, 0);
+    let (mut lit, mut dark, mut grazing) = (0, 0, 0);
     let mut misses = Vec::new();
     let mut control = 0;
     for (l, light) in lights.iter().enumerate() {
@@ -123,7 +138,7 @@ fn measure() {
                 continue;
             }
             if want == Vec3::ZERO {
-                shadowed += 1
+                dark += 1
             } else {
                 lit += 1
             }
@@ -134,18 +149,17 @@ fn measure() {
             control += ((got - want * 1.001).abs().max_element() > tolerance) as usize;
         }
     }
-    assert!(misses.is_empty(), "{} of {}: {:#?}", misses.len(), lit + shadowed, &misses[..misses.len().min(5)]);
-    // Both answers occur, and few rays graze.
-    assert!(lit > 1000 && shadowed > 1000, "{lit} lit, {shadowed} dark");
-    assert!(grazing < (lit + shadowed) / 100, "{grazing} graze");
-    assert!(control > lit / 2, "a light a thousandth brighter goes unnoticed: {control} of {lit}");
+    let name = &model.asset.name;
+    assert!(misses.is_empty(), "{name}: {} of {}: {:#?}", misses.len(), lit + dark, &misses[..misses.len().min(5)]);
+    // Few rays graze.
+    assert!(grazing < (lit + dark) / 100, "{name}: {grazing} graze");
+    assert!(control > lit / 2, "{name}: a light a thousandth brighter goes unnoticed: {control} of {lit}");
+    [lit, dark]
 }
 
 /// Area lights, environments, skies: what stands for them is the same on both sides.
 fn measure_parts() {
     let model = room::model(Channels::Mono, 4, false);
-    let mut runtime = Runtime::new(&model).unwrap();
-    let tracer = Tracer::new(&model.asset);
     let (position, direction, color) = (Vec3::new(0.2, 1.6, 0.3), Vec3::NEG_Y, Vec3::new(1.0, 0.8, 0.6));
     let map = EnvironmentMap::new(8, 4, (0..32).map(|i| Vec3::new(1.0, 0.1 * i as f32, 0.5)).collect());
     let image = EnvironmentImage::from_map("map", map);
@@ -156,10 +170,16 @@ fn measure_parts() {
         Light::Environment { image, rotation: 1.0, color, intensity: 1.0 },
         Light::Sky(Sky { sun_azimuth: 2.5, intensity: 1e-4, ..Sky::at(0.6) }),
     ];
-    let cpu = exitance_of_each(&model, &tracer, &lights);
+    measure_parts_match(&model, &lights);
+}
+
+fn measure_parts_match(model: &Model, lights: &[Light]) {
+    let mut runtime = Runtime::new(model).unwrap();
+    let tracer = Tracer::new(&model.asset);
+    let cpu = exitance_of_each(model, &tracer, lights);
     let mut farther = Tracer::new(&model.asset);
     farther.offset *= 2.0;
-    let moved = exitance_of_each(&model, &farther, &lights);
+    let moved = exitance_of_each(model, &farther, lights);
     for (l, light) in lights.iter().enumerate() {
         let gpu = runtime.sub_point_exitance(std::slice::from_ref(light)).unwrap();
         let (mut compared, mut lit, mut control) = (0, 0, 0);
@@ -183,11 +203,13 @@ fn measure_parts() {
 }
 
 fn downsample() {
-    let model = room::model(Channels::Mono, 4, false);
-    let mut runtime = Runtime::new(&model).unwrap();
+    downsample_matches(&room::model(Channels::Mono, 4, false), &room::lights());
+}
+
+fn downsample_matches(model: &Model, lights: &[Light]) {
+    let mut runtime = Runtime::new(model).unwrap();
     let tracer = Tracer::new(&model.asset);
-    let lights = room::lights();
-    let exitance = model.points.sub_point_exitance(&tracer, &LightTable::new(&lights, &EmissionFacets::default()));
+    let exitance = model.points.sub_point_exitance(&tracer, &LightTable::new(lights, &EmissionFacets::default()));
     let cpu = model.points.average(&exitance);
     // A mean of k positive numbers: k roundings, one more for the division.
     let tolerance = (model.points.neighbours_per_point() + 1) as f32 * EPSILON;
@@ -254,25 +276,27 @@ fn bases() -> [Model; 4] {
 }
 
 fn reconstruct() {
-    for model in bases() {
-        let coefficients = room::coefficients(model.basis.coefficients());
-        let mut runtime = Runtime::new(&model).unwrap();
-        runtime.set_coefficients(&coefficients);
-        let gpu = runtime.irradiance().unwrap();
-        // n sums of four products each, and their product with the value: a rounding of the sum of magnitudes each. WGSL's
-        // exp2 is off by at most 3 + 2·16 units in the last place.
-        let magnitudes = model.basis.elements as f32 * 1.4 * 0.7;
-        let tolerance = (4 * model.basis.elements + 40) as f32 * EPSILON * magnitudes;
-        let misses = |cpu: &[Rgb]| {
-            assert_eq!(cpu.len(), gpu.len());
-            gpu.iter().zip(cpu).filter(|(g, c)| !(**g - **c).abs().cmple(Vec3::splat(tolerance)).all()).count()
-        };
-        let what = format!("{:?}, anchors: {}", model.transfer.channels, model.basis.anchors.is_some());
-        assert_eq!(misses(&model.basis.reconstruct(&coefficients).values), 0, "{what}");
-        let mut wrong = coefficients.clone();
-        wrong[model.basis.elements - 1] += 0.01;
-        assert!(misses(&model.basis.reconstruct(&wrong).values) > 100, "{what}: a changed coefficient goes unnoticed");
-    }
+    bases().iter().for_each(reconstruct_matches);
+}
+
+fn reconstruct_matches(model: &Model) {
+    let coefficients = room::coefficients(model.basis.coefficients());
+    let mut runtime = Runtime::new(model).unwrap();
+    runtime.set_coefficients(&coefficients);
+    let gpu = runtime.irradiance().unwrap();
+    // n sums of four products each, and their product with the value: a rounding of the sum of magnitudes each. WGSL's
+    // exp2 is off by at most 3 + 2·16 units in the last place.
+    let magnitudes = model.basis.elements as f32 * 1.4 * 0.7;
+    let tolerance = (4 * model.basis.elements + 40) as f32 * EPSILON * magnitudes;
+    let misses = |cpu: &[Rgb]| {
+        assert_eq!(cpu.len(), gpu.len());
+        gpu.iter().zip(cpu).filter(|(g, c)| !(**g - **c).abs().cmple(Vec3::splat(tolerance)).all()).count()
+    };
+    let what = format!("{:?}, anchors: {}", model.transfer.channels, model.basis.anchors.is_some());
+    assert_eq!(misses(&model.basis.reconstruct(&coefficients).values), 0, "{what}");
+    let mut wrong = coefficients.clone();
+    wrong[model.basis.elements - 1] += 0.01;
+    assert!(misses(&model.basis.reconstruct(&wrong).values) > 100, "{what}: a changed coefficient goes unnoticed");
 }
 
 fn basis_lookup() {
@@ -360,7 +384,9 @@ fn whole_picture() {
     for model in [room::model(Channels::Mono, 6, false), room::model(Channels::Multi, 3, false), local] {
         let channels = model.transfer.channels;
         let tracer = Tracer::new(&model.asset);
-        let mut runtime = Runtime::new(&model).unwrap();
+        // A local basis is looked up texel by texel by either; a global one is filtered otherwise by the texture unit.
+        let lookup = if model.basis.anchors.is_some() { Lookup::Fragment } else { Lookup::Texture };
+        let mut runtime = Runtime::with(Gpu::new().unwrap(), &model, lookup).unwrap();
         for shown in [Shown::Full, Shown::Direct, Shown::Indirect, Shown::IndirectOnWhite] {
             let cpu = model.render(&tracer, &view, &lights, shown).unwrap();
             let gpu = runtime.render(&view, &lights, shown).unwrap();
@@ -386,6 +412,225 @@ fn evidence(gpu: &Picture, cpu: &Picture) -> String {
         picture.write_exr(&folder.join(format!("{name}.exr"))).unwrap();
     }
     folder.display().to_string()
+}
+
+/// Places all over the page, on its borders and beyond the middle of the border's texels.
+fn places() -> Vec<Vec2> {
+    let mut rng = Pcg64::seed_from_u64(8);
+    let mut places: Vec<Vec2> = (0..2000).map(|_| Vec2::new(rng.random(), rng.random())).collect();
+    for along in [0.0, 0.003, 0.4, 0.999, 1.0] {
+        places.extend([(along, 0.0), (along, 1.0), (0.0, along), (1.0, along)].map(Vec2::from));
+    }
+    places
+}
+
+/// What a host's shader reads at `places` that is not what the CPU reads there, given x; and the light's span.
+///
+/// Coefficients are sums of `P` products (3 P for multi), each of which is rounded; the texel's sum rounds n times more, and
+/// the interpolation a few. Texture units interpolate between 256 places in a texel, so off by half of that along each axis.
+fn lookup_misses(model: &Model, lookup: Lookup, direct: &[Rgb], places: &[Vec2], gpu: &[Rgb]) -> (usize, f32) {
+    let coefficients = model.transfer.coefficients(direct);
+    let image = model.basis.reconstruct(&coefficients);
+    let mut magnitudes = model.transfer.clone();
+    magnitudes.matrices.iter_mut().flatten().for_each(|m| *m = m.abs());
+    let largest = magnitudes.coefficients(direct).iter().map(|u| u.max_element()).fold(0.0, f32::max);
+    let value = (0..model.basis.values.len()).map(|i| model.basis.values.get(i).abs()).fold(0.0, f32::max);
+    let magnitude = model.basis.elements as f32 * largest * value;
+    let terms = model.transfer.matrices[0].len() / model.transfer.elements + 4 * model.basis.elements + 48;
+    let rounding = terms as f32 * EPSILON * magnitude;
+    let filtered = lookup == Lookup::Fragment && model.basis.anchors.is_none();
+    let span = values_span(&image);
+    let misses = places.iter().zip(gpu).filter(|(place, gpu)| {
+        let want = image.sample(**place).max(Vec3::ZERO);
+        let steps = if filtered { 2.0 / 512.0 * span_around(&image, **place) * 1.01 } else { 0.0 };
+        // Between texels the place itself is rounded.
+        let placed = 4.0 * EPSILON * image.size as f32 * span_around(&image, **place);
+        !((**gpu - want).abs().max_element() <= rounding + placed + steps)
+    });
+    (misses.count(), span)
+}
+
+fn values_span(image: &LightmapImage) -> f32 {
+    let of = |pick: fn(&Rgb) -> f32| image.values.iter().map(pick).fold(0.0, f32::max);
+    of(|v| v.max_element()) + of(|v| (-*v).max_element())
+}
+
+/// Largest difference between the four texels that a place lies between, and those next to them, as texture units may round
+/// a place to a neighbouring texel.
+fn span_around(image: &LightmapImage, place: Vec2) -> f32 {
+    let size = image.size as i64;
+    let p = place * image.size as f32 - 0.5;
+    let texel = |x: i64, y: i64| image.values[(y.clamp(0, size - 1) * size + x.clamp(0, size - 1)) as usize];
+    let (x, y) = (p.x.floor() as i64, p.y.floor() as i64);
+    let all: Vec<Rgb> = (-1..3).flat_map(|i| (-1..3).map(move |j| (i, j))).map(|(i, j)| texel(x + i, y + j)).collect();
+    let (low, high) = all.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    (high - low).max_element()
+}
+
+/// The bases, one in half floats with a mean, and one in bytes without anchors.
+fn embedded_models() -> Vec<Model> {
+    let mut models = Vec::from(bases());
+    models.push(room::model(Channels::Mono, 16, true));
+    let mut bytes = room::model(Channels::Multi, 7, false);
+    let values = &bytes.basis.values;
+    bytes.basis.values = Values::Byte((0..values.len()).map(|i| (values.get(i) * 90.0) as i8).collect());
+    models.push(bytes);
+    models
+}
+
+/// In one encoder of a host with WebGPU's default limits: measure by rays, downsample, transfer, and the host's own shader
+/// asks for the light; from the basis, and from the texture.
+fn embedded() {
+    let host = host::Host::new();
+    let places = places();
+    for model in embedded_models() {
+        for lookup in [Lookup::Fragment, Lookup::Texture] {
+            let what = format!("{lookup:?}, {:?}, anchors: {}", model.transfer.channels, model.basis.anchors.is_some());
+            let settings = Settings { measure: Measure::Rays, lookup };
+            let mut relighter = Relighter::new(&host.device, &host.queue, &model, settings).unwrap();
+            relighter.set_lights(&room::lights()).unwrap();
+            let gpu = host.look_up(&relighter, &places);
+            // What was measured is the measure stage's own test's concern.
+            let direct = host.colours(relighter.direct(), model.points.points.len());
+            assert!(direct.iter().any(|x| x.max_element() > 0.1), "{what}: no light");
+            let (misses, span) = lookup_misses(&model, lookup, &direct, &places, &gpu);
+            assert_eq!(misses, 0, "{what}: of {}, light of up to {span}", places.len());
+            assert_eq!(relighter.irradiance().is_some(), lookup == Lookup::Texture);
+
+            let elsewhere: Vec<Vec2> = places.iter().map(|p| *p + 0.25 / model.basis.size as f32).collect();
+            let (misses, _) = lookup_misses(&model, lookup, &direct, &elsewhere, &gpu);
+            assert!(misses > places.len() / 4, "{what}: a quarter of a texel goes unnoticed: {misses}");
+            let brighter: Vec<Rgb> = direct.iter().map(|x| *x * 1.02).collect();
+            let (misses, _) = lookup_misses(&model, lookup, &brighter, &places, &gpu);
+            assert!(misses > places.len() / 4, "{what}: a fiftieth more light goes unnoticed: {misses}");
+        }
+    }
+}
+
+/// The host writes what sub-points send out, as a buffer and as a picture of the points, or x itself.
+fn host_measures() {
+    let host = host::Host::new();
+    let places = places();
+    let model = room::local_model(Channels::Mono, 4);
+    let tracer = Tracer::new(&model.asset);
+    let exitance =
+        model.points.sub_point_exitance(&tracer, &LightTable::new(&room::lights(), &EmissionFacets::default()));
+    let direct = model.points.average(&exitance);
+    let lookup = Lookup::Texture;
+    let new = |measure| Relighter::new(&host.device, &host.queue, &model, Settings { measure, lookup }).unwrap();
+
+    let relighter = new(Measure::Points);
+    host.write(relighter.direct(), &direct);
+    assert_eq!(lookup_misses(&model, lookup, &direct, &places, &host.look_up(&relighter, &places)).0, 0);
+
+    let relighter = new(Measure::SubPoints);
+    host.write(relighter.exitance(), &exitance);
+    assert_eq!(lookup_misses(&model, lookup, &direct, &places, &host.look_up(&relighter, &places)).0, 0);
+
+    // The picture of the points has their places, normals and albedos, and gives back what a host draws into one like it.
+    let relighter = new(Measure::SubPoints);
+    let points = relighter.points();
+    for (texture, value) in [
+        (&points.position, (|p| p.position) as fn(&relight::measure::MeasurementPoint) -> Vec3),
+        (&points.normal, |p| p.normal),
+        (&points.albedo, |p| p.albedo),
+    ] {
+        let texels = host.gpu().read_texture(texture).unwrap();
+        assert!(model.points.sub_points.iter().zip(&texels).all(|(p, texel)| value(p) == *texel));
+    }
+    let mut encoder = host.device.create_command_encoder(&Default::default());
+    relighter.encode_exitance(&mut encoder, &host.shaded(&points.position, &exitance));
+    host.queue.submit([encoder.finish()]);
+    let gpu = host.look_up(&relighter, &places);
+    assert_eq!(lookup_misses(&model, lookup, &direct, &places, &gpu).0, 0);
+    let other: Vec<Rgb> = direct.iter().map(|x| *x * 1.02).collect();
+    assert!(lookup_misses(&model, lookup, &other, &places, &gpu).0 > 500, "a fiftieth more light goes unnoticed");
+}
+
+/// 16 layers for mono, 64 for multi, and a local basis with as many channels as 64 anchors have.
+fn sixty_four_elements() {
+    let host = host::Host::new();
+    let places = places();
+    let local = room::local(room::model(Channels::Mono, 64 * room::ANCHORS, false), 64);
+    for model in [room::model(Channels::Mono, 64, true), room::model(Channels::Multi, 64, false), local] {
+        let direct = vec![Rgb::new(0.5, 0.2, 0.1); model.points.points.len()];
+        for lookup in [Lookup::Fragment, Lookup::Texture] {
+            let settings = Settings { measure: Measure::Points, lookup };
+            let relighter = Relighter::new(&host.device, &host.queue, &model, settings).unwrap();
+            host.write(relighter.direct(), &direct);
+            let gpu = host.look_up(&relighter, &places);
+            assert_eq!(lookup_misses(&model, lookup, &direct, &places, &gpu).0, 0, "{lookup:?}");
+            // Each element counts, the last too.
+            let mut fewer = model.clone();
+            let last = fewer.transfer.matrices[0].len() / fewer.transfer.elements;
+            for matrix in &mut fewer.transfer.matrices {
+                let at = matrix.len() - last;
+                matrix[at..].fill(0.0);
+            }
+            assert!(lookup_misses(&fewer, lookup, &direct, &places, &gpu).0 > 100, "{lookup:?}: one element less");
+        }
+    }
+}
+
+/// Every scene's asset, unwrapped at a small size, under lights of its own scenario.
+fn scenes() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let mut seen = 0;
+    for entry in std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()) {
+        for file in std::fs::read_dir(&entry).unwrap().map(|e| e.unwrap().path()) {
+            if file.extension().is_some_and(|e| e == "toml") {
+                println!("{}", file.display());
+                scene(&file);
+                seen += 1;
+            }
+        }
+    }
+    assert!(seen >= 3, "{seen} scenes");
+}
+
+fn scene(file: &std::path::Path) {
+    const SIZE: usize = 64;
+    let scene = SceneFile::read(file).unwrap();
+    let mut asset = scene.load_asset(&file.display().to_string()).unwrap();
+    lay_out(&mut asset, SIZE as u32, scene.lightmap.uv).unwrap();
+    let points = MeasurementPoints::place(&asset, 64, 8, 1).unwrap();
+    let (channels, elements) = (Channels::Mono, 16);
+    let global = room::model_of(asset, points, SIZE, channels, elements, false);
+    let tracer = Tracer::new(&global.asset);
+    let draw = Draw { scenario: &scene.scenario, training: 6, held_out: 0 };
+    let mut lights: Vec<Light> = Vec::new();
+    for condition in draw.conditions(&tracer, 3).unwrap() {
+        lights.extend(condition.lights);
+    }
+    let (single, parts): (Vec<Light>, Vec<Light>) = lights
+        .iter()
+        .cloned()
+        .partition(|l| matches!(l, Light::Point { .. } | Light::Spot { .. } | Light::Directional { .. }));
+    if !single.is_empty() {
+        let [lit, _] = measure_matches(&global, &single);
+        assert!(lit > 100, "{}: {lit} lit", file.display());
+    }
+    measure_parts_match(&global, &parts);
+    downsample_matches(&global, &lights);
+    let mut local = global.clone();
+    local.transfer =
+        room::model_of(local.asset.clone(), local.points.clone(), SIZE, channels, 4 * room::ANCHORS, false).transfer;
+    let host = host::Host::new();
+    let places = places();
+    for model in [global.clone(), room::local(local, 4)] {
+        let mut runtime = Runtime::new(&model).unwrap();
+        let direct = model.points.direct(&tracer, &LightTable::new(&lights, &EmissionFacets::of(&model.asset)));
+        let gpu = runtime.coefficients(&direct).unwrap();
+        assert_eq!(transfer_misses(&model, &direct, &gpu), 0);
+        reconstruct_matches(&model);
+        for lookup in [Lookup::Fragment, Lookup::Texture] {
+            let settings = Settings { measure: Measure::Points, lookup };
+            let relighter = Relighter::new(&host.device, &host.queue, &model, settings).unwrap();
+            host.write(relighter.direct(), &direct);
+            let gpu = host.look_up(&relighter, &places);
+            assert_eq!(lookup_misses(&model, lookup, &direct, &places, &gpu).0, 0, "{lookup:?}");
+        }
+    }
 }
 
 /// The list of lights grows when it must: a light split in 40 shines like one.

@@ -4,11 +4,12 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use naga::TypeInner;
+use relight::gpu::Lookup;
 use relight::gpu::shader::Stage;
 use relight::gpu::{
-    BasisShape, Blocker, FrameUniforms, GpuLight, GpuMaterial, Node, SubPoint, TextureUse, TransferShape, Triangle,
-    Vertex,
+    Blocker, FrameUniforms, GpuLight, GpuMaterial, Node, SubPoint, TextureUse, TransferShape, Triangle, Vertex,
 };
+use relight::model::{Basis, Values};
 
 /// Offset of each field, and the stride of the struct in an array.
 #[derive(Debug, PartialEq)]
@@ -29,9 +30,11 @@ macro_rules! layout_of {
 /// The layouts of all structs of all stages, by name.
 fn wgsl_layouts() -> BTreeMap<String, Layout> {
     let mut layouts = BTreeMap::new();
+    let basis = Basis { size: 1, elements: 1, components: 1, values: Values::Byte(vec![0]), anchors: None };
     for stage in Stage::ALL {
-        let module = naga::front::wgsl::parse_str(&stage.source())
-            .unwrap_or_else(|e| panic!("{}: {}", stage.name(), e.emit_to_string(&stage.source())));
+        let source = stage.source(&basis, Lookup::Texture);
+        let module = naga::front::wgsl::parse_str(&source)
+            .unwrap_or_else(|e| panic!("{}: {}", stage.name(), e.emit_to_string(&source)));
         let mut layouter = naga::proc::Layouter::default();
         layouter.update(module.to_ctx()).expect("a parsed module has sizes");
         for (handle, ty) in module.types.iter() {
@@ -84,7 +87,6 @@ fn rust_and_wgsl_structs_agree() {
         ("Node", layout_of!(Node { low, after, high, primitives })),
         ("Blocker", layout_of!(Blocker { a, triangle, b, masked, c })),
         ("SubPoint", layout_of!(SubPoint { position, normal, geometric_normal, albedo })),
-        ("BasisShape", layout_of!(BasisShape { size, layers, components, elements, anchors })),
         ("TransferShape", layout_of!(TransferShape { points, interleaved, mean_scaled_by_norm })),
     ];
     for (name, layout) in rust {

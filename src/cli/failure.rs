@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use super::Reporter;
 use crate::dataset::DatasetError;
+use crate::export::ExportError;
 use crate::gpu::GpuError;
 use crate::light::ScenarioError;
 use crate::measure::PointsError;
@@ -109,6 +110,15 @@ impl From<GpuError> for Failure {
 impl From<PictureError> for Failure {
     fn from(error: PictureError) -> Self {
         Failure::Work(error.to_string())
+    }
+}
+
+impl From<ExportError> for Failure {
+    fn from(error: ExportError) -> Self {
+        match error {
+            ExportError::Asset(error) => error.into(),
+            _ => Failure::Work(error.to_string()),
+        }
     }
 }
 

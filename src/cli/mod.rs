@@ -1,9 +1,11 @@
 //! The command line: one file per command.
 
 pub mod bake;
+pub mod bench;
 pub mod choose;
 pub mod compare;
 pub mod cornell;
+pub mod export;
 pub mod export_conditions;
 pub mod failure;
 pub mod info;
@@ -52,6 +54,8 @@ enum Command {
     Compare(compare::Compare),
     Render(render::Render),
     Bake(bake::Bake),
+    Bench(bench::Bench),
+    Export(export::Export),
     ExportConditions(export_conditions::ExportConditions),
     Info(info::Info),
 }
@@ -83,6 +87,8 @@ pub fn run() -> ExitCode {
         Some(Command::Compare(compare)) => compare.run(json, &reporter),
         Some(Command::Render(render)) => render.run(json, &reporter),
         Some(Command::Bake(bake)) => bake.run(json, &reporter),
+        Some(Command::Bench(bench)) => bench.run(json, &reporter),
+        Some(Command::Export(export)) => export.run(json, &reporter),
         Some(Command::ExportConditions(export)) => export.run(json, &reporter),
         Some(Command::Info(info)) => info.run(json, &reporter),
         None => cornell::run(json, &reporter),

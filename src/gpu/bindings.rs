@@ -1,4 +1,4 @@
-//! Bind groups, their layouts and pipelines, with bindings counted from 0.
+//! Bind groups, their layouts and pipelines, with bindings counted from 0 where they are not numbered.
 
 use super::device::Gpu;
 use super::shader::Stage;
@@ -24,10 +24,19 @@ pub fn layout(
     visibility: wgpu::ShaderStages,
     types: &[wgpu::BindingType],
 ) -> wgpu::BindGroupLayout {
+    let numbered: Vec<_> = (0..).zip(types.iter().copied()).collect();
+    numbered_layout(gpu, label, visibility, &numbered)
+}
+
+pub fn numbered_layout(
+    gpu: &Gpu,
+    label: &str,
+    visibility: wgpu::ShaderStages,
+    types: &[(u32, wgpu::BindingType)],
+) -> wgpu::BindGroupLayout {
     let entries: Vec<_> = types
         .iter()
-        .enumerate()
-        .map(|(binding, &ty)| wgpu::BindGroupLayoutEntry { binding: binding as u32, visibility, ty, count: None })
+        .map(|&(binding, ty)| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None })
         .collect();
     gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
 }
@@ -38,18 +47,24 @@ pub fn bind<const N: usize>(
     layout: &wgpu::BindGroupLayout,
     resources: [wgpu::BindingResource; N],
 ) -> wgpu::BindGroup {
-    let entries: Vec<_> = resources
-        .into_iter()
-        .enumerate()
-        .map(|(binding, resource)| wgpu::BindGroupEntry { binding: binding as u32, resource })
-        .collect();
+    bind_numbered(gpu, label, layout, (0..).zip(resources))
+}
+
+pub fn bind_numbered<'r>(
+    gpu: &Gpu,
+    label: &str,
+    layout: &wgpu::BindGroupLayout,
+    resources: impl IntoIterator<Item = (u32, wgpu::BindingResource<'r>)>,
+) -> wgpu::BindGroup {
+    let entries: Vec<_> =
+        resources.into_iter().map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();
     gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
 }
 
-pub fn module(gpu: &Gpu, stage: Stage) -> wgpu::ShaderModule {
+pub fn module(gpu: &Gpu, stage: Stage, source: String) -> wgpu::ShaderModule {
     gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(stage.name()),
-        source: wgpu::ShaderSource::Wgsl(stage.source().into()),
+        source: wgpu::ShaderSource::Wgsl(source.into()),
     })
 }
 
@@ -63,11 +78,16 @@ pub fn pipeline_layout(gpu: &Gpu, label: &str, groups: &[&wgpu::BindGroupLayout]
 }
 
 /// The compute pipeline of a stage, whose entry point has the stage's name.
-pub fn compute_pipeline(gpu: &Gpu, stage: Stage, groups: &[&wgpu::BindGroupLayout]) -> wgpu::ComputePipeline {
+pub fn compute_pipeline(
+    gpu: &Gpu,
+    stage: Stage,
+    source: String,
+    groups: &[&wgpu::BindGroupLayout],
+) -> wgpu::ComputePipeline {
     gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some(stage.name()),
         layout: Some(&pipeline_layout(gpu, stage.name(), groups)),
-        module: &module(gpu, stage),
+        module: &module(gpu, stage, source),
         entry_point: Some(stage.name()),
         compilation_options: Default::default(),
         cache: None,

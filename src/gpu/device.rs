@@ -68,6 +68,13 @@ impl Gpu {
         Ok(Self::from_device(device, queue, name))
     }
 
+    /// Takes a host application's device and leaves its error handlers as they are: what goes wrong on it late goes to them,
+    /// and [`Gpu::check`] knows nothing of it.
+    pub fn of_host(device: &wgpu::Device, queue: &wgpu::Queue) -> Self {
+        let name = device.adapter_info().name;
+        Self { device: device.clone(), queue: queue.clone(), name, failure: Arc::default() }
+    }
+
     /// Takes a device that a window already opened. Replaces its handlers of uncaptured errors and of loss.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
         let failure = Arc::new(Mutex::new(None));
@@ -115,14 +122,23 @@ impl Gpu {
         }))
     }
 
-    /// A zeroed storage buffer that shaders write, of at least one element.
+    /// Checks that a uniform buffer of this many bytes can be bound.
+    pub fn check_uniform(&self, what: &str, needed: u64) -> Result<(), GpuError> {
+        let limit = self.device.limits().max_uniform_buffer_binding_size;
+        self.check_limit(what, needed, "bytes in one uniform buffer", limit, "use fewer elements")
+    }
+
+    /// A zeroed storage buffer that shaders write, of at least one element, which may be bound as uniform, too.
     pub fn written<T: bytemuck::Pod>(&self, what: &str, count: usize) -> Result<wgpu::Buffer, GpuError> {
         let size = (count.max(1) * size_of::<T>()) as u64;
         self.check_binding(what, size)?;
         Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(what),
             size,
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
+            usage: wgpu::BufferUsages::STORAGE
+                | wgpu::BufferUsages::UNIFORM
+                | wgpu::BufferUsages::COPY_SRC
+                | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         }))
     }

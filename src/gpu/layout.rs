@@ -131,14 +131,3 @@ pub struct TransferShape {
     pub interleaved: u32,
     pub mean_scaled_by_norm: u32,
 }
-
-/// `shaders/reconstruct.wgsl`: BasisShape.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct BasisShape {
-    pub size: u32,
-    pub layers: u32,
-    pub components: u32,
-    pub elements: u32,
-    pub anchors: u32,
-}

@@ -3,9 +3,9 @@
 use super::bindings::{self, READ, READ_WRITE, UNIFORM};
 use super::device::{Gpu, GpuError};
 use super::layout::{SubPoint, TransferShape};
+use super::point_textures::PointTextures;
 use super::scene::Scene;
-use super::shader::Stage;
-use super::textures::elements_per_layer;
+use super::shader::{Lookup, Stage};
 use super::timer::Timer;
 use crate::model::{Channels, Model, Transfer};
 
@@ -19,8 +19,11 @@ struct Dispatch {
 }
 
 pub struct Measurement {
-    stages: [Dispatch; 3],
-    /// W/m², one vec4 a sub-point.
+    /// Absent where there is no scene to trace rays against.
+    measure: Option<Dispatch>,
+    downsample: Dispatch,
+    transfer: Dispatch,
+    /// W/m², one vec4 a sub-point; whole rows of [`PointTextures`].
     pub exitance: wgpu::Buffer,
     /// x, W/m², one vec4 a point.
     pub direct: wgpu::Buffer,
@@ -32,7 +35,7 @@ pub struct Measurement {
 const WORKGROUP: usize = 64;
 
 impl Measurement {
-    pub fn new(gpu: &Gpu, model: &Model, scene: &Scene) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, model: &Model, scene: Option<&Scene>) -> Result<Self, GpuError> {
         let points = &model.points;
         let transfer = &model.transfer;
         let sub_points: Vec<SubPoint> = points
@@ -55,26 +58,31 @@ impl Measurement {
         let neighbours = gpu.storage("the sub-points' neighbours", &points.neighbours)?;
         let matrix = gpu.storage("the transfer matrix", &interleaved_matrix(transfer))?;
         let shape = gpu.uniform("transfer shape", &shape);
-        let exitance = gpu.written::<[f32; 4]>("the sub-points' light", points.sub_points.len())?;
+        let exitance =
+            gpu.written::<[f32; 4]>("the sub-points' light", PointTextures::texels(points.sub_points.len()))?;
         let direct = gpu.written::<[f32; 4]>("the direct vector", points.points.len())?;
-        let padded = transfer.elements + elements_per_layer(model.basis.components);
+        let padded = transfer.elements + model.basis.elements_per_layer();
         let coefficients = gpu.written::<[f32; 4]>("the coefficients", padded)?;
 
         let layout = |stage: Stage, types| bindings::layout(gpu, stage.name(), wgpu::ShaderStages::COMPUTE, types);
         let workgroups = |count: usize| count.div_ceil(WORKGROUP) as u32;
 
+        let pipeline = |stage: Stage, groups: &[&wgpu::BindGroupLayout]| {
+            bindings::compute_pipeline(gpu, stage, stage.source(&model.basis, Lookup::Texture), groups)
+        };
+
         let own = layout(Stage::Measure, &[READ, READ_WRITE]);
         let resources = [sub_point_buffer.as_entire_binding(), exitance.as_entire_binding()];
-        let measure = Dispatch {
-            pipeline: bindings::compute_pipeline(gpu, Stage::Measure, &[&scene.layout, &own]),
+        let measure = scene.map(|scene| Dispatch {
+            pipeline: pipeline(Stage::Measure, &[&scene.layout, &own]),
             bind_group: bindings::bind(gpu, "measure", &own, resources),
             traces: true,
             workgroups: workgroups(sub_points.len()),
-        };
+        });
         let own = layout(Stage::Downsample, &[READ, READ, READ_WRITE]);
         let resources = [exitance.as_entire_binding(), neighbours.as_entire_binding(), direct.as_entire_binding()];
         let downsample = Dispatch {
-            pipeline: bindings::compute_pipeline(gpu, Stage::Downsample, &[&own]),
+            pipeline: pipeline(Stage::Downsample, &[&own]),
             bind_group: bindings::bind(gpu, "downsample", &own, resources),
             traces: false,
             workgroups: workgroups(points.points.len()),
@@ -87,23 +95,33 @@ impl Measurement {
             coefficients.as_entire_binding(),
         ];
         let transfer = Dispatch {
-            pipeline: bindings::compute_pipeline(gpu, Stage::Transfer, &[&own]),
+            pipeline: pipeline(Stage::Transfer, &[&own]),
             bind_group: bindings::bind(gpu, "transfer", &own, resources),
             traces: false,
             workgroups: transfer.elements as u32,
         };
-        Ok(Self { stages: [measure, downsample, transfer], exitance, direct, coefficients })
+        Ok(Self { measure, downsample, transfer, exitance, direct, coefficients })
     }
 
     /// Records one of [`Stage::Measure`], [`Stage::Downsample`] and [`Stage::Transfer`].
-    pub fn encode(&self, encoder: &mut wgpu::CommandEncoder, stage: Stage, scene: &Scene, timer: Option<&Timer>) {
-        let dispatch = &self.stages[stage as usize];
+    pub fn encode(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        stage: Stage,
+        scene: Option<&Scene>,
+        timer: Option<&Timer>,
+    ) {
+        let dispatch = match stage {
+            Stage::Measure => self.measure.as_ref().expect("rays are traced where there is a scene"),
+            Stage::Downsample => &self.downsample,
+            _ => &self.transfer,
+        };
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(stage.name()),
             timestamp_writes: timer.map(|timer| timer.compute_pass(stage)),
         });
         pass.set_pipeline(&dispatch.pipeline);
-        if dispatch.traces {
+        if let Some(scene) = scene.filter(|_| dispatch.traces) {
             pass.set_bind_group(0, &scene.bind_group, &[]);
         }
         pass.set_bind_group(dispatch.traces as u32, &dispatch.bind_group, &[]);

@@ -10,6 +10,7 @@ use super::device::{Gpu, GpuError};
 use super::layout::{Blocker, FrameUniforms, GpuLight, GpuMaterial, Triangle, Vertex};
 use super::textures::{Pages, srgb_table};
 use crate::light::{EmissionFacets, Light, LightTable};
+use crate::scene::tracer::RELATIVE_OFFSET;
 use crate::scene::{Asset, Material, Mesh, Reflectance};
 
 /// Vertices to draw with one pipeline: three a triangle.
@@ -24,7 +25,9 @@ pub struct Batch {
 pub struct Scene {
     pub layout: wgpu::BindGroupLayout,
     pub bind_group: wgpu::BindGroup,
-    pub frame: wgpu::Buffer,
+    /// Written by [`Scene::write_frame`].
+    pub frame: FrameUniforms,
+    frame_buffer: wgpu::Buffer,
     pub batches: Vec<Batch>,
     buffers: [wgpu::Buffer; 6],
     pages: Pages,
@@ -61,24 +64,34 @@ impl Scene {
             gpu.storage("the BVH's nodes", &bvh.nodes)?,
             gpu.storage("the BVH's triangles", &blockers)?,
         ];
-        let frame = gpu.uniform("frame", &<FrameUniforms as bytemuck::Zeroable>::zeroed());
+        let extent = asset.mesh.bounds().diagonal();
+        let frame = FrameUniforms { shadow_offset: extent * RELATIVE_OFFSET, extent, ..bytemuck::Zeroable::zeroed() };
+        let frame_buffer = gpu.uniform("frame", &frame);
         let lights = gpu.storage::<GpuLight>("the lights", &[])?;
         let layout = layout(gpu);
-        let bind_group = bind(gpu, &layout, &frame, &lights, &buffers, &pages);
-        Ok(Self { layout, bind_group, frame, batches, buffers, pages, lights, emission: EmissionFacets::of(asset) })
+        let bind_group = bind(gpu, &layout, &frame_buffer, &lights, &buffers, &pages);
+        let emission = EmissionFacets::of(asset);
+        Ok(Self { layout, bind_group, frame, frame_buffer, batches, buffers, pages, lights, emission })
     }
 
-    /// Uploads what stands for `lights`; returns how many entries that makes.
-    pub fn set_lights(&mut self, gpu: &Gpu, lights: &[Light]) -> Result<u32, GpuError> {
+    /// Uploads what stands for `lights`.
+    pub fn set_lights(&mut self, gpu: &Gpu, lights: &[Light]) -> Result<(), GpuError> {
         let entries = gpu_lights(lights, &self.emission);
         let bytes: &[u8] = bytemuck::cast_slice(&entries);
         if bytes.len() as u64 > self.lights.size() {
             self.lights = gpu.storage("the lights", &entries)?;
-            self.bind_group = bind(gpu, &self.layout, &self.frame, &self.lights, &self.buffers, &self.pages);
+            self.bind_group = bind(gpu, &self.layout, &self.frame_buffer, &self.lights, &self.buffers, &self.pages);
         } else {
             gpu.queue.write_buffer(&self.lights, 0, bytes);
         }
-        Ok(entries.len() as u32)
+        self.frame.light_count = entries.len() as u32;
+        self.write_frame(gpu);
+        Ok(())
+    }
+
+    /// Uploads [`Scene::frame`].
+    pub fn write_frame(&self, gpu: &Gpu) {
+        gpu.queue.write_buffer(&self.frame_buffer, 0, bytemuck::bytes_of(&self.frame));
     }
 }
 

@@ -1,16 +1,17 @@
-//! From irradiance over the lightmap to a picture: rasterise, shade, resolve.
+//! From indirect light over the lightmap to a picture: rasterise, shade, resolve.
 //!
 //! Depth is drawn first, so that the shading that follows traces shadow rays for visible samples alone.
 
 use super::bindings;
 use super::device::{Gpu, GpuError};
 use super::scene::{Batch, Scene};
-use super::shader::Stage;
+use super::shader::{Lookup, Stage};
 use super::timer::Timer;
+use crate::model::Basis;
 
 /// Radiance is kept in f32: a picture written as OpenEXR loses nothing.
 const RADIANCE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
-const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+pub const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 /// Side of a workgroup in `resolve.wgsl`.
 const TILE: u32 = 8;
 
@@ -19,7 +20,6 @@ pub struct Shading {
     depth: [[wgpu::RenderPipeline; 2]; 2],
     /// `[double_sided]`
     shade: [wgpu::RenderPipeline; 2],
-    bind_group: wgpu::BindGroup,
     resolve: wgpu::ComputePipeline,
     resolve_layout: wgpu::BindGroupLayout,
     target: Option<Target>,
@@ -35,18 +35,14 @@ struct Target {
 }
 
 impl Shading {
-    pub fn new(gpu: &Gpu, scene: &Scene, irradiance: &wgpu::TextureView) -> Self {
-        let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
-        let types = [bindings::texture(unfilterable, wgpu::TextureViewDimension::D2)];
-        let layout = bindings::layout(gpu, "shade", wgpu::ShaderStages::FRAGMENT, &types);
-        let resources = [wgpu::BindingResource::TextureView(irradiance)];
-        let bind_group = bindings::bind(gpu, "shade", &layout, resources);
+    pub fn new(gpu: &Gpu, scene: &Scene, basis: &Basis, lookup: Lookup, indirect: &wgpu::BindGroupLayout) -> Self {
         let pipelines = Pipelines {
             gpu,
-            module: bindings::module(gpu, Stage::Shade),
-            layout: bindings::pipeline_layout(gpu, "shade", &[&scene.layout, &layout]),
+            module: bindings::module(gpu, Stage::Shade, Stage::Shade.source(basis, lookup)),
+            layout: bindings::pipeline_layout(gpu, "shade", &[&scene.layout, indirect]),
         };
 
+        let unfilterable = wgpu::TextureSampleType::Float { filterable: false };
         let types = [
             bindings::texture(unfilterable, wgpu::TextureViewDimension::D2),
             wgpu::BindingType::StorageTexture {
@@ -58,20 +54,26 @@ impl Shading {
         let resolve_layout = bindings::layout(gpu, "resolve", wgpu::ShaderStages::COMPUTE, &types);
         Self {
             depth: [false, true].map(|double_sided| [false, true].map(|masked| pipelines.depth(double_sided, masked))),
-            shade: [false, true].map(|double_sided| pipelines.shade(double_sided)),
-            bind_group,
-            resolve: bindings::compute_pipeline(gpu, Stage::Resolve, &[&scene.layout, &resolve_layout]),
+            shade: [false, true].map(|double_sided| pipelines.shade(double_sided, "shade", RADIANCE)),
+            resolve: bindings::compute_pipeline(
+                gpu,
+                Stage::Resolve,
+                Stage::Resolve.source(basis, lookup),
+                &[&scene.layout, &resolve_layout],
+            ),
             resolve_layout,
             target: None,
         }
     }
 
     /// Records a picture of `size` pixels with `samples_per_axis`; returns the texture that will hold it.
+    #[expect(clippy::too_many_arguments, reason = "one of each kind")]
     pub fn encode(
         &mut self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &Scene,
+        indirect: &wgpu::BindGroup,
         size: [u32; 2],
         samples_per_axis: u32,
         timer: Option<&Timer>,
@@ -84,7 +86,7 @@ impl Shading {
         }
         let target = self.target.as_ref().expect("made above");
 
-        self.draw(encoder, scene, target, timer);
+        self.draw(encoder, scene, indirect, target, timer);
 
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some("resolve"),
@@ -102,7 +104,14 @@ impl Shading {
         self.target.as_ref().map(|target| &target.picture)
     }
 
-    fn draw(&self, encoder: &mut wgpu::CommandEncoder, scene: &Scene, target: &Target, timer: Option<&Timer>) {
+    fn draw(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &Scene,
+        indirect: &wgpu::BindGroup,
+        target: &Target,
+        timer: Option<&Timer>,
+    ) {
         let depth_ops = wgpu::Operations {
             // Infinitely far.
             load: wgpu::LoadOp::Clear(0.0),
@@ -116,7 +125,9 @@ impl Shading {
             timestamp_writes: timer.map(Timer::depth_pass),
             ..Default::default()
         });
-        self.draw_batches(&mut pass, scene, |batch| &self.depth[batch.double_sided as usize][batch.masked as usize]);
+        draw_batches(&mut pass, scene, indirect, |batch| {
+            &self.depth[batch.double_sided as usize][batch.masked as usize]
+        });
         drop(pass);
 
         let colour = wgpu::RenderPassColorAttachment {
@@ -133,21 +144,21 @@ impl Shading {
             timestamp_writes: timer.map(Timer::shade_pass),
             ..Default::default()
         });
-        self.draw_batches(&mut pass, scene, |batch| &self.shade[batch.double_sided as usize]);
+        draw_batches(&mut pass, scene, indirect, |batch| &self.shade[batch.double_sided as usize]);
     }
+}
 
-    fn draw_batches<'a>(
-        &'a self,
-        pass: &mut wgpu::RenderPass,
-        scene: &Scene,
-        pipeline_of: impl Fn(&Batch) -> &'a wgpu::RenderPipeline,
-    ) {
-        pass.set_bind_group(0, &scene.bind_group, &[]);
-        pass.set_bind_group(1, &self.bind_group, &[]);
-        for batch in &scene.batches {
-            pass.set_pipeline(pipeline_of(batch));
-            pass.draw(batch.vertices.clone(), 0..1);
-        }
+pub fn draw_batches<'p>(
+    pass: &mut wgpu::RenderPass,
+    scene: &Scene,
+    indirect: &wgpu::BindGroup,
+    pipeline_of: impl Fn(&Batch) -> &'p wgpu::RenderPipeline,
+) {
+    pass.set_bind_group(0, &scene.bind_group, &[]);
+    pass.set_bind_group(1, indirect, &[]);
+    for batch in &scene.batches {
+        pass.set_pipeline(pipeline_of(batch));
+        pass.draw(batch.vertices.clone(), 0..1);
     }
 }
 
@@ -176,21 +187,21 @@ impl Target {
 }
 
 /// What the pipelines of `shade.wgsl` have in common.
-struct Pipelines<'a> {
-    gpu: &'a Gpu,
-    module: wgpu::ShaderModule,
-    layout: wgpu::PipelineLayout,
+pub struct Pipelines<'a> {
+    pub gpu: &'a Gpu,
+    pub module: wgpu::ShaderModule,
+    pub layout: wgpu::PipelineLayout,
 }
 
 impl Pipelines<'_> {
-    fn depth(&self, double_sided: bool, masked: bool) -> wgpu::RenderPipeline {
+    pub fn depth(&self, double_sided: bool, masked: bool) -> wgpu::RenderPipeline {
         let cut_out = masked.then_some("cut_out");
         self.pipeline(double_sided, wgpu::CompareFunction::Greater, cut_out, &[])
     }
 
-    fn shade(&self, double_sided: bool) -> wgpu::RenderPipeline {
-        let colour = [Some(RADIANCE.into())];
-        self.pipeline(double_sided, wgpu::CompareFunction::Equal, Some("shade"), &colour)
+    /// Shades what is visible, by the entry point `fragment`, into `format`.
+    pub fn shade(&self, double_sided: bool, fragment: &str, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
+        self.pipeline(double_sided, wgpu::CompareFunction::Equal, Some(fragment), &[Some(format.into())])
     }
 
     fn pipeline(

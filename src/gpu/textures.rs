@@ -100,11 +100,6 @@ pub fn srgb_table() -> [f32; 256] {
     std::array::from_fn(|code| linear_from_srgb(code as f32 / 255.0))
 }
 
-/// Elements that one layer of the basis texture holds.
-pub fn elements_per_layer(components: usize) -> usize {
-    if components == 1 { 4 } else { 1 }
-}
-
 /// A square texture of four codes a texel.
 pub struct Pixels {
     pub side: u32,
@@ -140,34 +135,37 @@ impl Pixels {
 
 /// The basis as an array texture, f16 or 8 bits with a sign: four scalar elements a layer, or one RGB element.
 pub fn upload_basis(gpu: &Gpu, basis: &Basis) -> Result<wgpu::TextureView, GpuError> {
+    let format = match &basis.values {
+        Values::Half(_) => wgpu::TextureFormat::Rgba16Float,
+        Values::Byte(_) => wgpu::TextureFormat::Rgba8Snorm,
+    };
+    let pixels = Pixels { side: basis.size as u32, format };
+    let texture = gpu.texture_array("basis", pixels.extent(basis.layers() as u32), format)?;
+    for layer in 0..basis.layers() {
+        pixels.write(gpu, &texture, layer as u32, &basis_layer(basis, layer));
+    }
+    Ok(array_view(&texture))
+}
+
+/// Texels of one layer of the basis texture, four values each, row by row.
+pub fn basis_layer(basis: &Basis, layer: usize) -> Vec<u8> {
     match &basis.values {
-        Values::Half(values) => upload_layers(gpu, basis, values, wgpu::TextureFormat::Rgba16Float),
-        Values::Byte(codes) => upload_layers(gpu, basis, codes, wgpu::TextureFormat::Rgba8Snorm),
+        Values::Half(values) => layer_of(basis, values, layer),
+        Values::Byte(codes) => layer_of(basis, codes, layer),
     }
 }
 
-fn upload_layers<T: bytemuck::Pod>(
-    gpu: &Gpu,
-    basis: &Basis,
-    values: &[T],
-    format: wgpu::TextureFormat,
-) -> Result<wgpu::TextureView, GpuError> {
-    let pixels = Pixels { side: basis.size as u32, format };
-    let per_layer = elements_per_layer(basis.components);
-    let layers = basis.elements.div_ceil(per_layer).max(1);
-    let texture = gpu.texture_array("basis", pixels.extent(layers as u32), format)?;
+/// Planes of consecutive elements, or of the components of one element, become the channels of a layer.
+fn layer_of<T: bytemuck::Pod>(basis: &Basis, values: &[T], layer: usize) -> Vec<u8> {
     let plane = basis.size * basis.size;
-    // Planes of consecutive elements, or of the components of one element, become the channels of a layer.
-    for (layer, planes) in values.chunks(plane * per_layer * basis.components).enumerate() {
-        let mut texels = vec![T::zeroed(); 4 * plane];
-        for (channel, values) in planes.chunks_exact(plane).enumerate() {
-            for (texel, &value) in texels.chunks_exact_mut(4).zip(values) {
-                texel[channel] = value;
-            }
+    let planes = plane * basis.elements_per_layer() * basis.components;
+    let mut texels = vec![T::zeroed(); 4 * plane];
+    for (channel, values) in values[layer * planes..].chunks_exact(plane).take(planes / plane).enumerate() {
+        for (texel, &value) in texels.chunks_exact_mut(4).zip(values) {
+            texel[channel] = value;
         }
-        pixels.write(gpu, &texture, layer as u32, bytemuck::cast_slice(&texels));
     }
-    Ok(array_view(&texture))
+    bytemuck::cast_slice(&texels).to_vec()
 }
 
 fn array_view(texture: &wgpu::Texture) -> wgpu::TextureView {

@@ -111,6 +111,16 @@ impl Basis {
         self.values.bytes() / (self.size * self.size) + anchors
     }
 
+    /// Elements in a layer of a texture with four channels: four scalar ones, or one of RGB.
+    pub fn elements_per_layer(&self) -> usize {
+        if self.components == 1 { 4 } else { 1 }
+    }
+
+    /// Layers that hold all elements.
+    pub fn layers(&self) -> usize {
+        self.elements.div_ceil(self.elements_per_layer()).max(1)
+    }
+
     /// Coefficients that it takes: n, or n for each anchor, `[anchor][element]`.
     pub fn coefficients(&self) -> usize {
         self.elements * self.anchors.as_ref().map_or(1, |a| a.count)

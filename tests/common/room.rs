@@ -163,13 +163,24 @@ pub fn measurement_points(asset: &Asset, points: usize, per_point: usize) -> Mea
 
 /// The room with a random basis of `elements` over positive and negative values, and random matrices.
 pub fn model(channels: Channels, elements: usize, mean_scaled_by_norm: bool) -> Model {
-    let mut rng = Pcg64::seed_from_u64(9);
     let asset = asset();
     let points = measurement_points(&asset, 61, 8);
+    model_of(asset, points, LIGHTMAP, channels, elements, mean_scaled_by_norm)
+}
+
+/// The same of any asset, with a lightmap of any size.
+pub fn model_of(
+    asset: Asset,
+    points: MeasurementPoints,
+    size: usize,
+    channels: Channels,
+    elements: usize,
+    mean_scaled_by_norm: bool,
+) -> Model {
+    let mut rng = Pcg64::seed_from_u64(9);
     let components = if channels == Channels::Mono { 1 } else { 3 };
-    let values = (0..elements * components * LIGHTMAP * LIGHTMAP)
-        .map(|_| f16::from_f32(rng.random::<f32>() * 2.0 - 0.6))
-        .collect();
+    let values =
+        (0..elements * components * size * size).map(|_| f16::from_f32(rng.random::<f32>() * 2.0 - 0.6)).collect();
     let count = points.points.len();
     let width = if channels == Channels::Mono { count } else { 3 * count };
     let matrices = (0..4 - components)
@@ -183,7 +194,7 @@ pub fn model(channels: Channels, elements: usize, mean_scaled_by_norm: bool) -> 
     Model {
         asset,
         points,
-        basis: Basis { size: LIGHTMAP, elements, components, values: Values::Half(values), anchors: None },
+        basis: Basis { size, elements, components, values: Values::Half(values), anchors: None },
         transfer: Transfer { channels, elements, points: count, matrices, mean_scaled_by_norm },
         scope: Some(Scope {
             kinds: vec!["point".into(), "sky".into()],
@@ -214,12 +225,19 @@ pub fn model(channels: Channels, elements: usize, mean_scaled_by_norm: bool) -> 
     }
 }
 
-/// The same with a local basis of 8 bits, 9 anchors and `channels_a_texel`.
+/// Anchors of [`local`].
+pub const ANCHORS: usize = 9;
+
+/// The room with a local basis of 8 bits and `channels_a_texel`.
 pub fn local_model(channels: Channels, channels_a_texel: usize) -> Model {
-    const ANCHORS: usize = 9;
-    let mut model = model(channels, ANCHORS * channels_a_texel, false);
+    local(model(channels, ANCHORS * channels_a_texel, false), channels_a_texel)
+}
+
+/// A model of ANCHORS · `channels_a_texel` elements with a random local basis of 8 bits instead.
+pub fn local(mut model: Model, channels_a_texel: usize) -> Model {
     let mut rng = Pcg64::seed_from_u64(31);
-    let page = LIGHTMAP * LIGHTMAP;
+    let (size, channels) = (model.basis.size, model.transfer.channels);
+    let page = size * size;
     let components = channels.components();
     let codes = (0..channels_a_texel * components * page).map(|_| rng.random_range(-127..=127)).collect();
     let indices = (0..page).map(|_| std::array::from_fn(|_| rng.random_range(0..ANCHORS as u8))).collect();
@@ -230,8 +248,7 @@ pub fn local_model(channels: Channels, channels_a_texel: usize) -> Model {
         })
         .collect();
     let anchors = Some(Anchors { count: ANCHORS, indices, shares });
-    model.basis =
-        Basis { size: LIGHTMAP, elements: channels_a_texel, components, values: Values::Byte(codes), anchors };
+    model.basis = Basis { size, elements: channels_a_texel, components, values: Values::Byte(codes), anchors };
     model
 }
 
