@@ -13,6 +13,8 @@ pub mod reporter;
 pub mod settings;
 pub mod storage;
 pub mod train;
+#[cfg(feature = "viewer")]
+pub mod view;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -49,6 +51,8 @@ enum Command {
     Train(train::Train),
     Compare(compare::Compare),
     Render(render::Render),
+    #[cfg(feature = "viewer")]
+    View(view::View),
     Bake(bake::Bake),
     ExportConditions(export_conditions::ExportConditions),
     Info(info::Info),
@@ -80,6 +84,8 @@ pub fn run() -> ExitCode {
         Some(Command::Train(train)) => train.run(json, &reporter),
         Some(Command::Compare(compare)) => compare.run(json, &reporter),
         Some(Command::Render(render)) => render.run(json, &reporter),
+        #[cfg(feature = "viewer")]
+        Some(Command::View(view)) => view.run(&reporter),
         Some(Command::Bake(bake)) => bake.run(json, &reporter),
         Some(Command::ExportConditions(export)) => export.run(json, &reporter),
         Some(Command::Info(info)) => info.run(json, &reporter),

@@ -57,7 +57,7 @@ pub enum Part {
 }
 
 /// `WIDTHxHEIGHT`.
-fn parse_size(text: &str) -> Result<(u32, u32), String> {
+pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let parse = || {
         let (width, height) = text.split_once(['x', 'X'])?;
         Some((width.trim().parse().ok()?, height.trim().parse().ok()?))

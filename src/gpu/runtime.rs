@@ -145,6 +145,11 @@ impl Runtime {
         Ok(())
     }
 
+    /// What [`Runtime::draw`] drew last, scene-linear radiance.
+    pub fn picture(&self) -> Option<&wgpu::Texture> {
+        self.shading.picture()
+    }
+
     /// Reads back what [`Runtime::draw`] last drew of `view`.
     pub fn read_picture(&mut self, view: &View) -> Result<Picture, GpuError> {
         let &View { width, height, .. } = view;
