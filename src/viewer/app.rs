@@ -63,7 +63,7 @@ pub struct App<'a> {
     view_changed: bool,
     /// What is on the screen.
     pub(super) view: Option<View>,
-    drawn: Option<(Grain, bool)>,
+    drawn: Option<Grain>,
     changed_at: Instant,
     asked: bool,
     saved: u32,
@@ -177,10 +177,12 @@ impl<'a> App<'a> {
         }
         let moving = self.changed_at.elapsed() < SETTLED;
         let grain = self.pace.grain(size, moving);
-        let coarser = self.drawn.is_none_or(|(drawn, _)| drawn.size[0] < grain.size[0]);
-        if std::mem::take(&mut self.view_changed) || (!moving && coarser && self.drawn.is_none_or(|(_, fine)| !fine)) {
+        let finer = |drawn: &Grain| grain.samples() > 1.5 * drawn.samples();
+        if std::mem::take(&mut self.view_changed) || (!moving && self.drawn.as_ref().is_none_or(finer)) {
             self.draw(grain)?;
-            self.drawn = Some((grain, !moving));
+            self.drawn = Some(grain);
+            // What this frame took may allow a finer one.
+            context.request_repaint();
         }
         if moving {
             context.request_repaint_after(SETTLED.saturating_sub(self.changed_at.elapsed()) + Duration::from_millis(5));

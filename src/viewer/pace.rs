@@ -20,7 +20,7 @@ pub struct Grain {
 }
 
 impl Grain {
-    fn samples(&self) -> f64 {
+    pub fn samples(&self) -> f64 {
         self.size[0] as f64 * self.size[1] as f64 * (self.samples_per_axis as f64).powi(2)
     }
 }

@@ -198,7 +198,7 @@ impl App<'_> {
 
     fn lights_panel(&mut self, ui: &mut Ui) {
         ui.heading("Lights");
-        ui.menu_button("＋ add", |ui| {
+        ui.menu_button("add a light", |ui| {
             for kind in KINDS {
                 if ui.button(kind.name()).clicked() {
                     let light = self.new_light(kind);
@@ -216,7 +216,7 @@ impl App<'_> {
                 if ui.selectable_label(self.selected == Some(i), name).clicked() {
                     self.selected = Some(i);
                 }
-                if ui.small_button("✖").on_hover_text("remove (Delete)").clicked() {
+                if ui.small_button("x").on_hover_text("remove (Delete)").clicked() {
                     removed = Some(i);
                 }
             });
