@@ -20,6 +20,7 @@
 //! | [`scene_file`] | the settings of a training run |
 //! | [`prt`] | classical SH PRT, to compare with |
 //! | [`report`] | errors, plots, the HTML page |
+//! | [`viewer`] | the window |
 //! | [`cli`] | one file per command |
 //!
 //! `docs/METHOD.md` has the notation and the numbered equations that comments cite.
@@ -48,5 +49,7 @@ pub mod scene_file;
 pub mod prt;
 #[cfg(feature = "train")]
 pub mod report;
+#[cfg(feature = "viewer")]
+pub mod viewer;
 #[cfg(feature = "cli")]
 pub mod cli;

@@ -7,12 +7,13 @@ use std::path::{Path, PathBuf};
 const MOST_LINES: usize = 600;
 
 /// What a room never imports although the order of rooms would allow it.
-const NEVER: [(&str, &[&str]); 5] = [
+const NEVER: [(&str, &[&str]); 6] = [
     ("transport", &["gpu"]),
     ("dataset", &["gpu"]),
     ("transfer", &["scene", "gpu"]),
     ("prt", &["transfer", "gpu"]),
     ("report", &["gpu"]),
+    ("viewer", &["transport", "transfer"]),
 ];
 
 fn source() -> PathBuf {

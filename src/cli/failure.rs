@@ -107,6 +107,18 @@ impl From<GpuError> for Failure {
     }
 }
 
+#[cfg(feature = "viewer")]
+impl From<crate::viewer::ViewerError> for Failure {
+    fn from(error: crate::viewer::ViewerError) -> Self {
+        use crate::viewer::ViewerError;
+        match error {
+            ViewerError::Gpu(error) => error.into(),
+            ViewerError::NoDisplay(_) => Failure::Input(error.to_string()),
+            ViewerError::Failed(_) => Failure::Work(error.to_string()),
+        }
+    }
+}
+
 impl From<PictureError> for Failure {
     fn from(error: PictureError) -> Self {
         Failure::Work(error.to_string())

@@ -17,6 +17,8 @@ pub mod settings;
 pub mod storage;
 pub mod study;
 pub mod train;
+#[cfg(feature = "viewer")]
+pub mod view;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -53,6 +55,8 @@ enum Command {
     Train(train::Train),
     Compare(compare::Compare),
     Render(render::Render),
+    #[cfg(feature = "viewer")]
+    View(view::View),
     Bake(bake::Bake),
     Bench(bench::Bench),
     Export(export::Export),
@@ -86,6 +90,8 @@ pub fn run() -> ExitCode {
         Some(Command::Train(train)) => train.run(json, &reporter),
         Some(Command::Compare(compare)) => compare.run(json, &reporter),
         Some(Command::Render(render)) => render.run(json, &reporter),
+        #[cfg(feature = "viewer")]
+        Some(Command::View(view)) => view.run(&reporter),
         Some(Command::Bake(bake)) => bake.run(json, &reporter),
         Some(Command::Bench(bench)) => bench.run(json, &reporter),
         Some(Command::Export(export)) => export.run(json, &reporter),

@@ -45,8 +45,15 @@ impl Gpu {
     /// [`GpuError::NoAdapter`] and [`GpuError::NoDevice`], each with what was found instead.
     pub fn new() -> Result<Self, GpuError> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
-        let adapter = choose_adapter(&instance)?;
+        let adapter = Self::best(pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all())))?;
         let name = adapter.get_info().name;
+        let (device, queue) = pollster::block_on(adapter.request_device(&Self::descriptor(&adapter)))
+            .map_err(|e| GpuError::NoDevice { adapter: name.clone(), reason: e.to_string() })?;
+        Ok(Self::from_device(device, queue, name))
+    }
+
+    /// What is asked of an adapter's device.
+    pub fn descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
         let available = adapter.limits();
         // WebGPU's defaults, but for sizes: those that this adapter allows.
         let required_limits = wgpu::Limits {
@@ -56,16 +63,42 @@ impl Gpu {
             max_storage_buffer_binding_size: available.max_storage_buffer_binding_size,
             ..wgpu::Limits::default()
         };
-        let descriptor = wgpu::DeviceDescriptor {
+        wgpu::DeviceDescriptor {
             label: Some("relight"),
             // Only for timing; everything works without.
             required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
             required_limits,
             ..Default::default()
-        };
-        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
-            .map_err(|e| GpuError::NoDevice { adapter: name.clone(), reason: e.to_string() })?;
-        Ok(Self::from_device(device, queue, name))
+        }
+    }
+
+    /// The fastest kind of adapter that has all of WebGPU, among those whose name `WGPU_ADAPTER_NAME` is part of.
+    ///
+    /// # Errors
+    /// [`GpuError::NoAdapter`] with what there is instead.
+    pub fn best(adapters: impl IntoIterator<Item = wgpu::Adapter>) -> Result<wgpu::Adapter, GpuError> {
+        let wanted = std::env::var("WGPU_ADAPTER_NAME").unwrap_or_default().to_lowercase();
+        let mut found = Vec::new();
+        let mut usable = Vec::new();
+        for adapter in adapters {
+            let info = adapter.get_info();
+            let complete = adapter.get_downlevel_capabilities().is_webgpu_compliant();
+            let lacking = if complete { "" } else { ", which lacks parts of WebGPU" };
+            found.push(format!("{} on {}{lacking}", info.name, info.backend));
+            if complete && info.name.to_lowercase().contains(&wanted) {
+                usable.push(adapter);
+            }
+        }
+        usable.into_iter().min_by_key(|adapter| slowness(adapter.get_info().device_type)).ok_or_else(|| {
+            GpuError::NoAdapter {
+                wanted: if wanted.is_empty() {
+                    String::new()
+                } else {
+                    format!(" named {wanted:?} (WGPU_ADAPTER_NAME)")
+                },
+                found: if found.is_empty() { "none at all".to_owned() } else { found.join("; ") },
+            }
+        })
     }
 
     /// Takes a host application's device and leaves its error handlers as they are: what goes wrong on it late goes to them,
@@ -263,29 +296,6 @@ impl Gpu {
         self.queue.submit([encoder.finish()]);
         self.read(&readback)
     }
-}
-
-/// The fastest kind of adapter that has all of WebGPU, among those whose name `WGPU_ADAPTER_NAME` is part of.
-fn choose_adapter(instance: &wgpu::Instance) -> Result<wgpu::Adapter, GpuError> {
-    let wanted = std::env::var("WGPU_ADAPTER_NAME").unwrap_or_default().to_lowercase();
-    let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
-    let mut found = Vec::new();
-    let mut usable = Vec::new();
-    for adapter in adapters {
-        let info = adapter.get_info();
-        let complete = adapter.get_downlevel_capabilities().is_webgpu_compliant();
-        let lacking = if complete { "" } else { ", which lacks parts of WebGPU" };
-        found.push(format!("{} on {}{lacking}", info.name, info.backend));
-        if complete && info.name.to_lowercase().contains(&wanted) {
-            usable.push(adapter);
-        }
-    }
-    usable.into_iter().min_by_key(|adapter| slowness(adapter.get_info().device_type)).ok_or_else(|| {
-        GpuError::NoAdapter {
-            wanted: if wanted.is_empty() { String::new() } else { format!(" named {wanted:?} (WGPU_ADAPTER_NAME)") },
-            found: if found.is_empty() { "none at all".to_owned() } else { found.join("; ") },
-        }
-    })
 }
 
 fn slowness(kind: wgpu::DeviceType) -> u32 {

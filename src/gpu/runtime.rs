@@ -152,6 +152,11 @@ impl Runtime {
         self.relighter.set_lights(lights)
     }
 
+    /// What [`Runtime::draw`] drew last, scene-linear radiance.
+    pub fn picture(&self) -> Option<&wgpu::Texture> {
+        self.shading.picture()
+    }
+
     /// Reads back what [`Runtime::draw`] last drew of `view`.
     pub fn read_picture(&mut self, view: &View) -> Result<Picture, GpuError> {
         let &View { width, height, .. } = view;

@@ -8,6 +8,8 @@ pub mod area;
 pub mod condition;
 #[cfg(feature = "train")]
 pub mod draw;
+#[cfg(feature = "viewer")]
+pub mod edit;
 pub mod emitters;
 pub mod environment;
 pub mod facets;

@@ -70,6 +70,18 @@ fn diverging(value: f32) -> [u8; 3] {
     Vec3::splat(255.0).lerp(end, t.clamp(0.0, 1.0).sqrt()).to_array().map(|c| c as u8)
 }
 
+/// An element (of a coloured basis its green part) over the whole page, row by row.
+pub fn element_pixels(basis: &Basis, element: usize) -> Vec<[u8; 3]> {
+    let plane = basis.size * basis.size;
+    let first = (element * basis.components + basis.components / 2) * plane;
+    let value = |texel: usize| {
+        let scale = basis.anchors.as_ref().map_or(1.0, |anchors| anchors.scale(texel));
+        basis.values.get(first + texel) * scale
+    };
+    let peak = (0..plane).fold(f32::MIN_POSITIVE, |m, t| m.max(value(t).abs()));
+    (0..plane).map(|t| diverging(value(t) / peak)).collect()
+}
+
 /// The first eight elements of a basis as lightmaps; of a coloured basis the green part.
 pub fn basis_images(lightmap: &Lightmap, basis: &Basis) -> Vec<Image> {
     let plane = basis.size * basis.size;
