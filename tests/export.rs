@@ -260,11 +260,11 @@ fn numpy_makes_the_light_of_the_exported_files(python: &Path) {
         let tolerance = terms * f32::EPSILON * largest * 1.4 * model.basis.elements as f32;
         let misses = |scale: f32| {
             let theirs = theirs.chunks_exact(3).map(Rgb::from_slice);
-            ours.iter()
-                .copied()
-                .zip(theirs)
-                .filter(|(a, b)| !((a.max(Vec3::ZERO) * scale - *b).abs().max_element() <= tolerance))
-                .count()
+            let differs = |(ours, theirs): &(Rgb, Rgb)| {
+                let difference = (ours.max(Vec3::ZERO) * scale - *theirs).abs().max_element();
+                difference.is_nan() || difference > tolerance
+            };
+            ours.iter().copied().zip(theirs).filter(differs).count()
         };
         let what = format!("{:?}, anchors {}", model.transfer.channels, model.basis.anchors.is_some());
         assert_eq!(misses(1.0), 0, "{what}");

@@ -445,7 +445,8 @@ fn lookup_misses(model: &Model, lookup: Lookup, direct: &[Rgb], places: &[Vec2],
         let steps = if filtered { 2.0 / 512.0 * span_around(&image, **place) * 1.01 } else { 0.0 };
         // Between texels the place itself is rounded.
         let placed = 4.0 * EPSILON * image.size as f32 * span_around(&image, **place);
-        !((**gpu - want).abs().max_element() <= rounding + placed + steps)
+        let difference = (**gpu - want).abs().max_element();
+        difference.is_nan() || difference > rounding + placed + steps
     });
     (misses.count(), span)
 }
