@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::Failure;
 use crate::dataset::folder::slack;
 use crate::dataset::{Bytes, DatasetError, Identity, Rendered};
+use crate::measure::MeasurementPoints;
 use crate::scene_file::SceneFile;
 use crate::transfer;
 
@@ -50,6 +51,7 @@ impl Place {
         let (bake, train) = (&scene.bake, &scene.train);
         let training = bake.conditions.first();
         let all = training + bake.held_out;
+        let sub_points = MeasurementPoints::check(scene.points.count, scene.points.sub_points)?;
         let fit = transfer::bytes_needed(&transfer::Extent {
             method: train.method,
             channels: train.channels,
@@ -58,7 +60,7 @@ impl Place {
             training,
             conditions: all,
             points: scene.points.count,
-            sub_points: if train.prior { scene.points.count * scene.points.sub_points } else { 0 },
+            sub_points: if train.prior { sub_points } else { 0 },
             texels,
             lightmap_size: scene.lightmap.size as usize,
         });

@@ -34,6 +34,18 @@ pub enum PointsError {
 const LIMIT: usize = 1 << 20;
 
 impl MeasurementPoints {
+    /// How many sub-points `count` points have that average `sub_points` each.
+    ///
+    /// # Errors
+    /// [`PointsError`] when nothing is asked for, or too much is.
+    pub fn check(count: usize, sub_points: usize) -> Result<usize, PointsError> {
+        if count == 0 {
+            return Err(PointsError::None);
+        }
+        let all = count.checked_mul(sub_points.max(1)).filter(|&n| n <= LIMIT);
+        all.ok_or(PointsError::TooMany { count, sub_points })
+    }
+
     /// Places `count` points over the asset's surface, each the mean of its `sub_points` nearest out of
     /// `count · sub_points` sub-points.
     ///
@@ -41,11 +53,7 @@ impl MeasurementPoints {
     /// [`PointsError`] when nothing is asked for, too much is, or the asset has no area.
     pub fn place(asset: &Asset, count: usize, sub_points: usize, seed: u64) -> Result<Self, PointsError> {
         let per_point = sub_points.max(1);
-        if count == 0 {
-            return Err(PointsError::None);
-        }
-        let dense = count.checked_mul(per_point).filter(|&n| n <= LIMIT);
-        let dense = dense.ok_or(PointsError::TooMany { count, sub_points })?;
+        let dense = Self::check(count, sub_points)?;
         let mesh = &asset.mesh;
         let mut cumulative = Vec::with_capacity(mesh.triangles.len());
         let mut area = 0f64;

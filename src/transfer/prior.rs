@@ -116,9 +116,12 @@ impl PriorSums {
         let pairs: Vec<(Mat<f64>, Mat<f64>)> = (self.groups.par_iter().zip(&self.from_sub_points))
             .map(|(group, transfer)| (matrix(&measured.points, group), transfer * matrix(&measured.sub_points, group)))
             .collect();
-        let norm = |of: &dyn Fn(&(Mat<f64>, Mat<f64>)) -> f64| pairs.iter().map(of).sum::<f64>().sqrt();
         let norms: Vec<(f64, f64)> = (0..n)
-            .map(|k| (norm(&|pair| pair.0.col(k).squared_norm_l2()), norm(&|pair| pair.1.col(k).squared_norm_l2())))
+            .map(|k| {
+                let direct: f64 = pairs.iter().map(|(x, _)| x.col(k).squared_norm_l2()).sum();
+                let predicted: f64 = pairs.iter().map(|(_, c)| c.col(k).squared_norm_l2()).sum();
+                (direct.sqrt(), predicted.sqrt())
+            })
             .collect();
         let mut leverages: Vec<f64> = norms.iter().filter(|n| n.0 > 0.0 && n.1 > 0.0).map(|n| n.0 / n.1).collect();
         if leverages.is_empty() {
