@@ -73,9 +73,10 @@ impl Curve {
     }
 }
 
-/// Error of `all` with what a local basis adds to the fit it is made from, where the fit's is `fit` and is to be `other`.
-fn instead(all: f64, fit: f64, other: f64) -> f64 {
-    (all * all - fit * fit + other * other).max(0.0).sqrt()
+/// Error of a model that has `all`, if the error `own` of the fit that it is made from were `share` of what it is: what a local
+/// basis adds stays.
+fn instead(all: f64, own: f64, share: f64) -> f64 {
+    (all * all + own * own * (share * share - 1.0)).max(0.0).sqrt()
 }
 
 /// Errors of as many elements as the fit's settings ask for; of a local basis all that it is made from.
@@ -91,7 +92,9 @@ fn of_settings(fit: &Fit, errors: Vec<Vec<f64>>) -> Vec<f64> {
 /// # Errors
 /// As [`Fit::train`].
 pub fn curve(fit: &Fit, dataset: &Dataset, gram: &Gram, error: f64) -> Result<Option<Curve>, TransferError> {
-    let all = of_settings(fit, Trial::of(fit, gram, dataset.held_out()).errors(dataset)?);
+    // Trials have no prior; the share by which their errors fall is taken for that of the fit's.
+    let trial = Trial::of(fit, gram, dataset.held_out());
+    let (own, all) = (mean(&trial.own_errors(dataset)), of_settings(fit, trial.errors(dataset)?));
     let half = match Fit::train_on(dataset, gram, 0..dataset.training / 2, fit.settings) {
         Ok(half) => half,
         Err(TransferError::TooFewConditions { .. }) => return Ok(None),
@@ -99,7 +102,8 @@ pub fn curve(fit: &Fit, dataset: &Dataset, gram: &Gram, error: f64) -> Result<Op
     };
     let of_half = of_settings(&half, Trial::of(&half, gram, dataset.held_out()).errors(dataset)?);
     let curve = Curve::new(dataset.training, &of_half, &all);
-    Ok(Some(Curve { error: instead(error, curve.error, curve.error), ..curve }))
+    let scale = own / curve.error.max(f64::MIN_POSITIVE);
+    Ok(Some(Curve { error, fell: curve.fell * scale * scale, ..curve }))
 }
 
 /// How many of more points would do, if they are worth asking for. `candidates` are numbers of points, rising, and `measure`
@@ -121,11 +125,11 @@ pub fn points<E: From<TransferError>>(
     }
     let trial = Trial::of(fit, gram, dataset.held_out());
     let mean_of = |dataset: &Dataset| Ok::<f64, TransferError>(mean(&of_settings(fit, trial.errors(dataset)?)));
-    let now = mean_of(dataset)?;
+    let (own, now) = (mean(&trial.own_errors(dataset)), mean_of(dataset)?.max(f64::MIN_POSITIVE));
     let mut found: Vec<More> = Vec::new();
     for &enough in candidates {
         let other = mean_of(&measure(enough)?)?;
-        found.push(More { enough, error: instead(error, now, other) });
+        found.push(More { enough, error: instead(error, own, other / now) });
     }
     let least = found.iter().map(|m| m.error).fold(f64::INFINITY, f64::min);
     if least > (1.0 - WORTH) * error {
