@@ -542,7 +542,7 @@ fn too_few_conditions_are_told() {
         let of = settings(Method::Local, Channels::Mono, 4, Lambda::LeaveOneOut);
         let fit = Fit::train(&dataset, &gram, of).unwrap();
         let error = HeldOutErrors::of(&fit, &dataset, &gram).summary().mean;
-        let held_out = enough::curve(&fit, &dataset, &gram, error).unwrap().unwrap();
+        let held_out = enough::curve(&fit, None, &dataset, &gram, error).unwrap().unwrap();
         (held_out, enough::curve_of_training(&dataset, &gram, of).unwrap().unwrap())
     };
     let ((few, few_training), (many, many_training)) = (curve(24), curve(400));

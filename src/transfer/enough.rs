@@ -7,7 +7,7 @@
 
 use super::error::mean_median_worst;
 use super::fit::Fit;
-use super::{Gram, Method, TransferError, Trial};
+use super::{Gram, Method, Prior, TransferError, Trial};
 use crate::dataset::Dataset;
 
 /// A doubling is worth asking for that lowers the error by this share.
@@ -86,24 +86,32 @@ fn of_settings(fit: &Fit, errors: Vec<Vec<f64>>) -> Vec<f64> {
     errors.into_iter().nth(at).unwrap_or_default()
 }
 
-/// How the error of `fit` falls with the number of conditions, where the whole model's mean held-out error is `error`. `None`
-/// where half of them cannot be fitted to.
+/// How the error of `fit` falls with the number of conditions, where the whole model's mean held-out error is `error`; `prior` is
+/// what it was told. `None` where half of the conditions cannot be fitted to.
 ///
 /// # Errors
 /// As [`Fit::train`].
-pub fn curve(fit: &Fit, dataset: &Dataset, gram: &Gram, error: f64) -> Result<Option<Curve>, TransferError> {
-    // Trials have no prior; the share by which their errors fall is taken for that of the fit's.
-    let trial = Trial::of(fit, gram, dataset.held_out());
-    let (own, all) = (mean(&trial.own_errors(dataset)), of_settings(fit, trial.errors(dataset)?));
+pub fn curve(
+    fit: &Fit,
+    prior: Option<&Prior>,
+    dataset: &Dataset,
+    gram: &Gram,
+    error: f64,
+) -> Result<Option<Curve>, TransferError> {
     let half = match Fit::train_on(dataset, gram, 0..dataset.training / 2, fit.settings) {
         Ok(half) => half,
         Err(TransferError::TooFewConditions { .. }) => return Ok(None),
         Err(error) => return Err(error),
     };
-    let of_half = of_settings(&half, Trial::of(&half, gram, dataset.held_out()).errors(dataset)?);
-    let curve = Curve::new(dataset.training, &of_half, &all);
-    let scale = own / curve.error.max(f64::MIN_POSITIVE);
-    Ok(Some(Curve { error, fell: curve.fell * scale * scale, ..curve }))
+    let half = match prior.filter(|_| fit.prior) {
+        Some(prior) => {
+            let prior = prior.in_basis(fit, &half, gram);
+            half.with_prior(dataset, &prior)?
+        }
+        None => half,
+    };
+    let errors_of = |fit: &Fit| Trial::of(fit, gram, dataset.held_out()).own_errors(dataset);
+    Ok(Some(Curve { error, ..Curve::new(dataset.training, &errors_of(&half), &errors_of(fit)) }))
 }
 
 /// How many of more points would do, if they are worth asking for. `candidates` are numbers of points, rising, and `measure`
