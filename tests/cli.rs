@@ -550,7 +550,9 @@ fn bad_settings_are_said_in_one_line() {
     refused("--max-error 0.1 --method belcour", "`belcour` is kept as published");
     refused("--lambda NaN", "train.lambda = NaN must be finite");
     refused("--lambda=-1", "train.lambda = -1 must be finite and not negative");
-    refused("--points 60000 --sub-points 200 --size 16", "points of 200 sub-points");
+    // Without a prior, whose sums would be refused first.
+    let many = "--points 60000 --sub-points 200 --size 16 --method belcour --conditions 8 --held-out 1 --basis 4";
+    refused(many, "points of 200 sub-points");
     refused("--basis 80", "train.basis = 80 channels a texel; `local` has 1 to 16");
     let basis = "--method linear --size 16 --conditions 24 --held-out 8 --paths 4 --points 16 --basis 80";
     refused(basis, "80 basis elements need at least 80");

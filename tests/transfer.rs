@@ -537,12 +537,12 @@ fn too_few_points_are_told_with_how_many_would_do() {
 #[test]
 fn too_few_conditions_are_told() {
     let curve = |training: usize| {
-        let dataset = synthetic(60, 150, training, 40, 40, 0.1);
+        let dataset = synthetic(60, 150, training, 40, 40, 0.02);
         let gram = Gram::of(&dataset, &Silent).unwrap();
         let of = settings(Method::Local, Channels::Mono, 4, Lambda::LeaveOneOut);
         let fit = Fit::train(&dataset, &gram, of).unwrap();
         let error = HeldOutErrors::of(&fit, &dataset, &gram).summary().mean;
-        let held_out = enough::curve(&fit, &dataset, &gram, error).unwrap().unwrap();
+        let held_out = enough::curve(&fit, None, &dataset, &gram, error).unwrap().unwrap();
         (held_out, enough::curve_of_training(&dataset, &gram, of).unwrap().unwrap())
     };
     let ((few, few_training), (many, many_training)) = (curve(24), curve(400));

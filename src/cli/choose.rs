@@ -15,7 +15,7 @@ use crate::scene::Tracer;
 use crate::scene_file::{Conditions, MOST_CONDITIONS as MOST_SETTING, SceneFile};
 use crate::transfer::budget::{self, Residuals, Storage, candidates, cross_validate, trial_settings};
 use crate::transfer::enough::{self, LEAST_GAIN, More};
-use crate::transfer::{Budget, Candidate, Fit, Gram, HeldOutErrors, Method, Size, TrainSettings};
+use crate::transfer::{Budget, Candidate, Fit, Gram, HeldOutErrors, Method, Prior, Size, TrainSettings};
 
 /// Most conditions that `auto` goes to: the decomposition of so many takes as long as their bake.
 const MOST_CONDITIONS: usize = 1024;
@@ -237,7 +237,7 @@ impl Prepared {
         &self,
         tracer: &Tracer,
         place: &Place,
-        (fit, errors): (&Fit, &HeldOutErrors),
+        (fit, prior, errors): (&Fit, Option<&Prior>, &HeldOutErrors),
         (dataset, gram): (&Dataset, &Gram),
     ) -> Result<Vec<Shortage>, Failure> {
         let mut shortages = Vec::new();
@@ -257,7 +257,7 @@ impl Prepared {
             let means = (summary.mean, summary.oracle_mean);
             add("points.count", own, enough::points(fit, dataset, gram, means, &more, measure)?);
         }
-        let curve = enough::curve(fit, dataset, gram, summary.mean)?;
+        let curve = enough::curve(fit, prior, dataset, gram, summary.mean)?;
         // As far as the points are tried; a curve of two points does not tell of thousands.
         let most = (4 * dataset.training).min(MOST_SETTING);
         add("bake.conditions", dataset.training, curve.and_then(|c| c.shortage(most)));

@@ -171,11 +171,14 @@ impl Prepared {
                 .note(&format!("{} of {} conditions light nothing and were dropped", fit.dropped, dataset.training));
         }
         let train = &self.scene.train;
-        let fit = if train.prior && train.method != Method::Belcour {
-            let prior = self.prior(&self.scene.scenario, &fit, &tracer, &points, &dataset, reporter)?;
-            fit.with_prior(&dataset, &prior)?
+        let prior = if train.prior && train.method != Method::Belcour {
+            Some(self.prior(&self.scene.scenario, &fit, &tracer, &points, &dataset, reporter)?)
         } else {
-            fit
+            None
+        };
+        let fit = match &prior {
+            Some(prior) => fit.with_prior(&dataset, prior)?,
+            None => fit,
         };
         let finish = self.finish(&tracer);
         let (basis, transfer, errors) = match settings.method {
@@ -188,7 +191,7 @@ impl Prepared {
         };
         let negative = self.negative(&basis, &transfer, &dataset);
         let (mut record, scope) = self.record(&tracer, &points, &dataset, &fit, &errors, negative)?;
-        record.shortages = self.shortages(&tracer, place, (&fit, &errors), (&dataset, &gram))?;
+        record.shortages = self.shortages(&tracer, place, (&fit, prior.as_ref(), &errors), (&dataset, &gram))?;
         let model = Model { asset: self.asset.clone(), points, basis, transfer, scope, record };
         let train_seconds = start.elapsed().as_secs_f64();
         let paths = place.rendered.as_ref().map_or(self.scene.bake.paths, |r| r.samples().unwrap_or(0));

@@ -7,7 +7,7 @@
 
 use super::error::mean_median_worst;
 use super::fit::Fit;
-use super::{Gram, Method, TransferError, Trial};
+use super::{Gram, Method, Prior, TransferError, Trial};
 use crate::dataset::Dataset;
 
 /// A doubling is worth asking for that lowers the error by this share.
@@ -73,9 +73,10 @@ impl Curve {
     }
 }
 
-/// Error of `all` with what a local basis adds to the fit it is made from, where the fit's is `fit` and is to be `other`.
-fn instead(all: f64, fit: f64, other: f64) -> f64 {
-    (all * all - fit * fit + other * other).max(0.0).sqrt()
+/// Error of a model that has `all`, if the error `own` of the fit that it is made from were `share` of what it is: what a local
+/// basis adds stays.
+fn instead(all: f64, own: f64, share: f64) -> f64 {
+    (all * all + own * own * (share * share - 1.0)).max(0.0).sqrt()
 }
 
 /// Errors of as many elements as the fit's settings ask for; of a local basis all that it is made from.
@@ -85,21 +86,32 @@ fn of_settings(fit: &Fit, errors: Vec<Vec<f64>>) -> Vec<f64> {
     errors.into_iter().nth(at).unwrap_or_default()
 }
 
-/// How the error of `fit` falls with the number of conditions, where the whole model's mean held-out error is `error`. `None`
-/// where half of them cannot be fitted to.
+/// How the error of `fit` falls with the number of conditions, where the whole model's mean held-out error is `error`; `prior` is
+/// what it was told. `None` where half of the conditions cannot be fitted to.
 ///
 /// # Errors
 /// As [`Fit::train`].
-pub fn curve(fit: &Fit, dataset: &Dataset, gram: &Gram, error: f64) -> Result<Option<Curve>, TransferError> {
-    let all = of_settings(fit, Trial::of(fit, gram, dataset.held_out()).errors(dataset)?);
+pub fn curve(
+    fit: &Fit,
+    prior: Option<&Prior>,
+    dataset: &Dataset,
+    gram: &Gram,
+    error: f64,
+) -> Result<Option<Curve>, TransferError> {
     let half = match Fit::train_on(dataset, gram, 0..dataset.training / 2, fit.settings) {
         Ok(half) => half,
         Err(TransferError::TooFewConditions { .. }) => return Ok(None),
         Err(error) => return Err(error),
     };
-    let of_half = of_settings(&half, Trial::of(&half, gram, dataset.held_out()).errors(dataset)?);
-    let curve = Curve::new(dataset.training, &of_half, &all);
-    Ok(Some(Curve { error: instead(error, curve.error, curve.error), ..curve }))
+    let half = match prior.filter(|_| fit.prior) {
+        Some(prior) => {
+            let prior = prior.in_basis(fit, &half, gram);
+            half.with_prior(dataset, &prior)?
+        }
+        None => half,
+    };
+    let errors_of = |fit: &Fit| Trial::of(fit, gram, dataset.held_out()).own_errors(dataset);
+    Ok(Some(Curve { error, ..Curve::new(dataset.training, &errors_of(&half), &errors_of(fit)) }))
 }
 
 /// How many of more points would do, if they are worth asking for. `candidates` are numbers of points, rising, and `measure`
@@ -121,11 +133,11 @@ pub fn points<E: From<TransferError>>(
     }
     let trial = Trial::of(fit, gram, dataset.held_out());
     let mean_of = |dataset: &Dataset| Ok::<f64, TransferError>(mean(&of_settings(fit, trial.errors(dataset)?)));
-    let now = mean_of(dataset)?;
+    let (own, now) = (mean(&trial.own_errors(dataset)), mean_of(dataset)?.max(f64::MIN_POSITIVE));
     let mut found: Vec<More> = Vec::new();
     for &enough in candidates {
         let other = mean_of(&measure(enough)?)?;
-        found.push(More { enough, error: instead(error, now, other) });
+        found.push(More { enough, error: instead(error, own, other / now) });
     }
     let least = found.iter().map(|m| m.error).fold(f64::INFINITY, f64::min);
     if least > (1.0 - WORTH) * error {

@@ -88,7 +88,10 @@ pub fn bytes_needed(extent: &Extent) -> u64 {
     // on half of the conditions.
     let (tried, rank) = (4 * points, (4 * points).min(training));
     let direct = 4 * 3 * tried * 2 * extent.conditions as u64 + 3 * 8 * (2 * tried * training + 4 * rank * rank);
-    let trial = halves + 2 * 8 * terms * (2 * vectors + 3 * extent.conditions as u64) + direct.max(fit / 4);
+    let trial = match method {
+        Method::Belcour => 0,
+        _ => halves + 2 * 8 * terms * (2 * vectors + 3 * extent.conditions as u64) + direct.max(fit / 4),
+    };
     gram + making.max(fit).max(basis).max(scope).max(prior).max(trial)
 }
 

@@ -6,9 +6,9 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 use rayon::prelude::*;
 
-use super::TransferError;
-use super::fit::{Fit, choose_lambda, direct_vector, groups, leave_one_out};
+use super::fit::{Fit, choose_lambda, direct_vector, groups, leave_one_out, product};
 use super::ridge::Ridge;
+use super::{Gram, TransferError};
 use crate::dataset::{Dataset, Measured};
 use crate::math::Rgb;
 use crate::progress::Progress;
@@ -175,6 +175,21 @@ impl Prior {
     fn rows(&self, group: usize, elements: usize) -> Mat<f64> {
         let own = &self.matrices[group];
         Mat::from_fn(elements, own.ncols(), |j, r| if j < own.nrows() { own[(j, r)] } else { 0.0 })
+    }
+
+    /// What this one, made for the basis U of `of`, tells of the basis W of `other`: Wᵀ U M₀, as far as U spans W.
+    pub(super) fn in_basis(&self, of: &Fit, other: &Fit, gram: &Gram) -> Self {
+        let (n, m) = (of.kept.len(), other.kept.len());
+        let (channels, elements) = (of.settings.channels, of.combination.ncols());
+        let mut lit = Mat::<f64>::zeros(other.combination.nrows(), elements);
+        for a in 0..lit.nrows() {
+            let row = Mat::from_fn(1, of.combination.nrows(), |_, b| {
+                product(gram, channels, (a / m, other.kept[a % m]), (b / n, of.kept[b % n]))
+            });
+            lit.row_mut(a).copy_from((row * &of.combination).row(0));
+        }
+        let turn = other.combination.transpose() * lit;
+        Self { matrices: (0..self.matrices.len()).map(|g| &turn * self.rows(g, elements)).collect() }
     }
 }
 

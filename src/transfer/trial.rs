@@ -66,32 +66,51 @@ impl<'f> Trial<'f> {
         let (fit, n) = (self.fit, self.fit.kept.len());
         let settings = fit.settings;
         let groups = groups(settings.channels);
-        let columns = |group: &[usize], conditions: &[usize], weight: &(dyn Fn(usize) -> f64 + Sync)| {
-            let columns: Vec<Vec<f64>> = conditions.par_iter().map(|&c| direct_vector(dataset, group, c)).collect();
-            let rows = columns.first().map_or(0, Vec::len);
-            Mat::from_fn(rows, conditions.len(), |row, k| columns[k][row] * weight(k))
-        };
         let ridges = (0..groups.len())
             .into_par_iter()
-            .map(|g| Ridge::new(columns(groups[g], &fit.kept, &|k| fit.weights[g * n + k]).as_ref()));
+            .map(|g| Ridge::new(columns(dataset, groups[g], &fit.kept, &|k| fit.weights[g * n + k]).as_ref()));
         let ridges: Vec<Ridge> = ridges.collect::<Result<_, _>>()?;
         let decisive = DECISIVE.min(self.fit.combination.ncols());
         let absolute = choose_lambda(settings.lambda, &ridges, |g| self.coefficients[g].get(..decisive, ..));
-        let mut squared = vec![self.norms.clone(); fit.combination.ncols() + 1];
-        let predicted: Vec<Mat<f64>> = (ridges.par_iter().enumerate())
-            .map(|(g, ridge)| {
-                let matrix = ridge.solve(self.coefficients[g].as_ref(), absolute(ridge));
-                matrix * columns(groups[g], &self.test, &|_| 1.0)
-            })
+        let matrices: Vec<Mat<f64>> = (ridges.par_iter().enumerate())
+            .map(|(g, ridge)| ridge.solve(self.coefficients[g].as_ref(), absolute(ridge)))
+            .collect();
+        Ok(self.errors_of(dataset, &matrices))
+    }
+
+    /// Relative errors of the fit as it is, with what a prior told it.
+    pub fn own_errors(&self, dataset: &Dataset) -> Vec<f64> {
+        self.errors_of(dataset, &self.fit.matrices).pop().unwrap_or_default()
+    }
+
+    /// The same of any transfer matrices, one a group of vectors.
+    fn errors_of(&self, dataset: &Dataset, matrices: &[Mat<f64>]) -> Vec<Vec<f64>> {
+        let groups = groups(self.fit.settings.channels);
+        let elements = self.fit.combination.ncols();
+        let mut squared = vec![self.norms.clone(); elements + 1];
+        let predicted: Vec<Mat<f64>> = (matrices.par_iter().zip(groups))
+            .map(|(matrix, group)| matrix * columns(dataset, group, &self.test, &|_| 1.0))
             .collect();
         // |i − U u|² = |i|² − Σⱼ (2 uⱼ cⱼ − uⱼ²), element by element.
-        for j in 0..fit.combination.ncols() {
+        for j in 0..elements {
             for k in 0..self.test.len() {
                 let gained = |(u, c): (&Mat<f64>, &Mat<f64>)| u[(j, k)] * (2.0 * c[(j, k)] - u[(j, k)]);
                 squared[j + 1][k] = squared[j][k] - predicted.iter().zip(&self.truths).map(gained).sum::<f64>();
             }
         }
         let relative = |row: &Vec<f64>| row.iter().zip(&self.norms).map(|(e, n)| (e.max(0.0) / n).sqrt()).collect();
-        Ok(squared[1..].iter().map(relative).collect())
+        squared[1..].iter().map(relative).collect()
     }
+}
+
+/// D of some conditions and a group of channels, each column times its weight.
+fn columns(
+    dataset: &Dataset,
+    group: &[usize],
+    conditions: &[usize],
+    weight: &(dyn Fn(usize) -> f64 + Sync),
+) -> Mat<f64> {
+    let columns: Vec<Vec<f64>> = conditions.par_iter().map(|&c| direct_vector(dataset, group, c)).collect();
+    let rows = columns.first().map_or(0, Vec::len);
+    Mat::from_fn(rows, conditions.len(), |row, k| columns[k][row] * weight(k))
 }
