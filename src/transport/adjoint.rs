@@ -28,7 +28,7 @@ pub struct Deposit {
 }
 
 /// Separates these paths from those of the bake.
-const STREAM: u64 = 0x6164_6a6f_696e_74;
+const STREAM: u64 = 0x0061_646a_6f69_6e74;
 
 /// Paths of the bake for each of these.
 const BAKE_PATHS: u32 = 4;
