@@ -34,6 +34,9 @@ impl Dataset {
     }
 }
 
+/// Shards, and for each of their conditions the one that it becomes.
+type InFolder<'s> = (&'s Shards, Vec<Option<u32>>);
+
 fn gather_indirect(
     parts: &[(&Dataset, Vec<usize>)],
     n: usize,
@@ -43,7 +46,7 @@ fn gather_indirect(
         *end += picks.len();
         Some(*end - picks.len())
     });
-    let in_folders: Option<Vec<(&Shards, Vec<Option<u32>>)>> = (parts.iter().zip(starts.clone()))
+    let in_folders: Option<Vec<InFolder>> = (parts.iter().zip(starts.clone()))
         .map(|((of, picks), start)| match &of.indirect {
             Indirect::Memory(_) => None,
             Indirect::Folder(shards) => {

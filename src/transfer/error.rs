@@ -67,9 +67,12 @@ pub struct Tested<'t> {
     /// Uᵀ i, `[group · H + condition]`, H conditions being held out.
     projections: Vec<Vec<f64>>,
     /// u of a group's direct vector.
-    coefficients: Box<dyn Fn(usize, &[f64]) -> Vec<f64> + Sync + 't>,
+    coefficients: Coefficients<'t>,
     oracle: Oracle,
 }
+
+/// From a group's direct vector to coefficients.
+type Coefficients<'t> = Box<dyn Fn(usize, &[f64]) -> Vec<f64> + Sync + 't>;
 
 /// How the coefficients nearest to a lightmap follow from its projections.
 enum Oracle {

@@ -53,6 +53,9 @@ pub(super) fn bytes_needed(elements: u64, sub_points: u64, points: u64) -> u64 {
         + 3 * 8 * at_once * (2 * sub_points + 2 * points + elements)
 }
 
+/// Direct vectors, and the coefficients that sub-points predict for them.
+type Pair = (Mat<f64>, Mat<f64>);
+
 impl PriorSums {
     /// Carries the basis of `fit`, which has no mean, back along the paths of `adjoint`.
     ///
@@ -113,7 +116,7 @@ impl PriorSums {
             })
         };
         // Direct vectors, and the coefficients that the sub-points predict.
-        let pairs: Vec<(Mat<f64>, Mat<f64>)> = (self.groups.par_iter().zip(&self.from_sub_points))
+        let pairs: Vec<Pair> = (self.groups.par_iter().zip(&self.from_sub_points))
             .map(|(group, transfer)| (matrix(&measured.points, group), transfer * matrix(&measured.sub_points, group)))
             .collect();
         let norms: Vec<(f64, f64)> = (0..n)

@@ -96,8 +96,11 @@ pub fn temporal(inputs: &Inputs, results: &Results, progress: &dyn Progress) -> 
     })
 }
 
+/// A row's value and its spread.
+type ValueOf<'v> = dyn Fn(&Row) -> Option<(f64, Option<f64>)> + 'v;
+
 /// One line per method and choice of λ over its sizes: a value and its spread.
-pub fn over_sizes(rows: &[&Row], value: &dyn Fn(&Row) -> Option<(f64, Option<f64>)>) -> Vec<Series> {
+pub fn over_sizes(rows: &[&Row], value: &ValueOf) -> Vec<Series> {
     let mut groups: Vec<(&str, Option<&str>)> = Vec::new();
     for row in rows {
         let group = (row.method, row.lambda_choice);
