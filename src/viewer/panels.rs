@@ -400,7 +400,8 @@ impl App<'_> {
                 history.iter().enumerate().filter_map(|(i, frame)| Some([i as f64, value(frame)?])).collect();
             Line::new(name.to_owned(), PlotPoints::from(points))
         };
-        let passes: [(&str, fn(&crate::gpu::PassTimes) -> f64); 6] = [
+        type OfPass = fn(&crate::gpu::PassTimes) -> f64;
+        let passes: [(&str, OfPass); 6] = [
             ("measure", |p| p.measure),
             ("downsample", |p| p.downsample),
             ("transfer", |p| p.transfer),

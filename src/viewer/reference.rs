@@ -14,7 +14,7 @@ use crate::scene::{Asset, Tracer};
 pub type PathTrace = fn(&Tracer, &View, &[Light], u32, u64, &dyn Progress) -> Option<[Picture; 2]>;
 
 /// Paths a pixel of one pass, at most, and of all.
-const PASS: u32 = 16;
+const LONGEST: u32 = 16;
 const ENOUGH: u32 = 4096;
 
 /// Asks for pictures and takes them. Dropped, it ends its thread.
@@ -114,17 +114,15 @@ impl Progress for Cancel<'_> {
     }
 }
 
-fn work(
-    job: &Job,
-    trace: &dyn Fn(&View, &[Light], u32, u64) -> Option<[Picture; 2]>,
-    cancel: &Cancel,
-    mut show: impl FnMut(Traced) -> bool,
-) {
+/// Some paths a pixel, from a seed.
+type Pass<'a> = dyn Fn(&View, &[Light], u32, u64) -> Option<[Picture; 2]> + 'a;
+
+fn work(job: &Job, trace: &Pass, cancel: &Cancel, mut show: impl FnMut(Traced) -> bool) {
     let (mut paths, mut seed) = (0, 0);
     let mut sums: Option<[Picture; 2]> = None;
     while paths < ENOUGH && !cancel.cancelled() {
         // Each pass doubles what there is, until passes are long.
-        let count = paths.clamp(1, PASS);
+        let count = paths.clamp(1, LONGEST);
         let Some(pass) = trace(&job.view, &job.lights, count, seed) else { return };
         let sums = sums.get_or_insert_with(|| {
             pass.clone().map(|picture| Picture { pixels: vec![Default::default(); picture.pixels.len()], ..picture })
