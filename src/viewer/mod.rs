@@ -89,9 +89,19 @@ fn setup() -> WgpuSetup {
 }
 
 fn failure(error: eframe::Error) -> ViewerError {
+    // What the window system says begins with places in its own source.
+    let reason = |text: String| {
+        text.rsplit(".rs:")
+            .next()
+            .unwrap_or_default()
+            .trim_end_matches('.')
+            .trim_start_matches(char::is_numeric)
+            .trim_start_matches(": ")
+            .to_owned()
+    };
     match error {
-        eframe::Error::WinitEventLoop(error) => ViewerError::NoDisplay(error.to_string()),
-        eframe::Error::Winit(error) => ViewerError::NoDisplay(error.to_string()),
+        eframe::Error::WinitEventLoop(error) => ViewerError::NoDisplay(reason(error.to_string())),
+        eframe::Error::Winit(error) => ViewerError::NoDisplay(reason(error.to_string())),
         eframe::Error::Wgpu(error) => ViewerError::NoDisplay(error.to_string()),
         error => ViewerError::Failed(error.to_string()),
     }
