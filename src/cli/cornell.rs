@@ -26,6 +26,11 @@ pub fn run(json: Option<&Path>, reporter: &Reporter) -> Result<(), Failure> {
         "  relight compare {} -o out/compare          the same with all figures, over three seeds",
         output.display()
     );
+    #[cfg(feature = "viewer")]
+    println!(
+        "  relight view {}                     a window: move lights, see indirect light follow",
+        output.display()
+    );
     println!("  relight train YOUR.glb -o out/yours.relight        train a transfer for your own asset");
     println!(
         "  relight render {} --light '{{type=\"point\", position=[2.8,4,2], intensity=20}}' -o out/relit.png",
