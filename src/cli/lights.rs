@@ -47,11 +47,17 @@ pub fn lights(arguments: &[String], asset: &Asset) -> Result<Vec<Light>, Failure
 }
 
 /// The lights that the asset's file defines: KHR_lights_punctual and emissive surfaces.
-fn own_lights(asset: &Asset) -> Result<Vec<Light>, Failure> {
+pub fn defined(asset: &Asset) -> Vec<Light> {
     let mut lights: Vec<Light> = asset.lights.iter().map(Light::from).collect();
     if asset.materials.iter().any(|m| m.emissive != crate::math::Rgb::ZERO) {
         lights.push(Light::Emissive { scale: 1.0 });
     }
+    lights
+}
+
+/// The same, where there must be some.
+fn own_lights(asset: &Asset) -> Result<Vec<Light>, Failure> {
+    let lights = defined(asset);
     if lights.is_empty() {
         return Err(Failure::Input(format!("--light asset: {} defines no light and nothing in it emits", asset.name)));
     }

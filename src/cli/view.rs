@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::lights::{CAMERA_HELP, LIGHT_HELP, camera, lights};
+use super::lights::{CAMERA_HELP, LIGHT_HELP, camera, defined, lights};
 use super::render::parse_size;
 use super::{Failure, Reporter};
 use crate::light::Light;
@@ -34,12 +34,12 @@ pub struct View {
 
 impl View {
     pub fn run(&self, reporter: &Reporter) -> Result<(), Failure> {
-        let mut models = Vec::new();
+        let mut models: Vec<(String, Model)> = Vec::new();
         for path in &self.models {
             let model = Model::load(path)?;
             let name = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
             if let Some((first, other)) = models.first()
-                && same(other, &model).is_none()
+                && other.record.asset_hash != model.record.asset_hash
             {
                 return Err(Failure::Input(format!(
                     "{}: is of another asset, or lightmap, than {first}",
@@ -62,17 +62,9 @@ impl View {
     }
 }
 
-/// Both models are of the same geometry and look.
-fn same(a: &Model, b: &Model) -> Option<()> {
-    (a.record.asset_hash == b.record.asset_hash).then_some(())
-}
-
-/// The lights of the asset's file; where it has none, a spot light from the camera's side.
+/// The lights of the asset's file; where it has none, a spot light at its middle.
 fn own(asset: &Asset) -> Vec<Light> {
-    let mut lights: Vec<Light> = asset.lights.iter().map(Light::from).collect();
-    if asset.materials.iter().any(|m| m.emissive != crate::math::Rgb::ZERO) {
-        lights.push(Light::Emissive { scale: 1.0 });
-    }
+    let mut lights = defined(asset);
     if lights.is_empty() {
         let bounds = asset.mesh.bounds();
         let extent = bounds.diagonal();

@@ -70,6 +70,7 @@ impl Light {
         }
     }
 
+    /// Where it stands, metres; none for lights that stand nowhere.
     pub fn position(&self) -> Option<Vec3> {
         self.clone().position_mut().copied()
     }

@@ -8,7 +8,7 @@ pub mod area;
 pub mod condition;
 #[cfg(feature = "train")]
 pub mod draw;
-#[cfg(feature = "viewer")]
+#[cfg(feature = "train")]
 pub mod edit;
 pub mod emitters;
 pub mod environment;

@@ -49,7 +49,7 @@ impl Scenario {
 
 /// Whether no surface lies on the straight way between two lights.
 fn is_open(tracer: &Tracer, from: &Light, to: &Light) -> bool {
-    match (from.place(), to.place()) {
+    match (from.position(), to.position()) {
         (Some(from), Some(to)) => {
             let way = to - from;
             way.try_normalize().is_some_and(|towards| tracer.closest_hit(from, towards, way.length()).is_none())
@@ -59,18 +59,6 @@ fn is_open(tracer: &Tracer, from: &Light, to: &Light) -> bool {
 }
 
 impl Light {
-    /// Where it stands, metres; none for distant lights and the asset's own.
-    fn place(&self) -> Option<Vec3> {
-        match *self {
-            Light::Point { position, .. }
-            | Light::Spot { position, .. }
-            | Light::Rect { position, .. }
-            | Light::Disk { position, .. }
-            | Light::Sphere { position, .. } => Some(position),
-            Light::Directional { .. } | Light::Environment { .. } | Light::Sky(_) | Light::Emissive { .. } => None,
-        }
-    }
-
     /// This light at a share of the way to another of its kind: its place and the way it faces. None for another kind, and for
     /// lights that do not move.
     pub fn moved_towards(&self, other: &Self, share: f32) -> Option<Self> {
