@@ -11,5 +11,9 @@ fn indirect_irradiance(lightmap_uv: vec2f) -> vec3f {
     let top = mix(relight_texel(low), relight_texel(vec2i(high.x, low.y)), f.x);
     let bottom = mix(relight_texel(vec2i(low.x, high.y)), relight_texel(high), f.x);
     // A truncated basis may ring below zero; light does not.
-    return max(mix(top, bottom, f.y), vec3f(0.0));
+    let light = max(mix(top, bottom, f.y), vec3f(0.0));
+    if RELIGHT_GAMMA == 1.0 {
+        return light;
+    }
+    return pow(light, vec3f(RELIGHT_GAMMA));
 }

@@ -10,5 +10,9 @@ fn indirect_irradiance(lightmap_uv: vec2f) -> vec3f {
         sum += relight_layer(layer, textureSampleLevel(relight_basis, relight_sampler, lightmap_uv, layer, 0.0));
     }
     // A truncated basis may ring below zero; light does not.
-    return max(sum, vec3f(0.0));
+    let light = max(sum, vec3f(0.0));
+    if RELIGHT_GAMMA == 1.0 {
+        return light;
+    }
+    return pow(light, vec3f(RELIGHT_GAMMA));
 }

@@ -1,9 +1,10 @@
-// Basis coefficients from the direct vector: u = M x (METHOD eq. 7). One workgroup a coefficient.
+// Basis coefficients from the direct vector: u = M x, or M x^(1/γ) (METHOD eq. 7). One workgroup a coefficient.
 // CPU twin: Transfer::coefficients.
 struct TransferShape {
     points: u32,
     interleaved: u32,          // 1: the channels of x are one vector (multi); 0: each is its own (mono)
     mean_scaled_by_norm: u32,  // 1: coefficient 0 is the norm of x
+    inverse_gamma: f32,        // x is raised to this first
 }
 
 @group(0) @binding(0) var<uniform> shape: TransferShape;
@@ -20,7 +21,10 @@ fn transfer(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_i
     let norm = element == 0u && shape.mean_scaled_by_norm == 1u;
     var sum = vec3f(0.0);
     for (var point = lane; point < shape.points; point += LANES) {
-        let x = direct[point].rgb;
+        var x = direct[point].rgb;
+        if shape.inverse_gamma != 1.0 {
+            x = pow(max(x, vec3f(0.0)), vec3f(shape.inverse_gamma));
+        }
         let at = 3u * (element * shape.points + point);
         sum += x * select(vec3f(matrix[at], matrix[at + 1u], matrix[at + 2u]), x, norm);
     }

@@ -237,6 +237,10 @@ pub struct TrainSettings {
     pub anchors: usize,
     /// Bits of a channel of `local`: 8 or 16.
     pub bits: u32,
+    /// γ: D and I are raised to 1/γ before the fit, what is relit to γ (paper 5.3); absent: 1, or 2.2 where a trial tells that
+    /// it is better; for `belcour` always 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gamma: Option<f32>,
     /// Whether paths from the texels tell the transfer of `linear` and `local` beforehand, where that lowers the
     /// leave-one-out error.
     pub prior: bool,
@@ -257,6 +261,7 @@ impl Default for TrainSettings {
             lambda: None,
             anchors: 128,
             bits: 8,
+            gamma: None,
             prior: true,
             max_error: None,
             max_bytes: None,
@@ -271,6 +276,11 @@ impl TrainSettings {
     /// n.
     pub fn elements(&self) -> usize {
         self.basis.unwrap_or(if self.method == Method::Local { 4 } else { 16 })
+    }
+
+    /// γ; 1 where none is given.
+    pub fn gamma(&self) -> f32 {
+        self.gamma.unwrap_or(1.0)
     }
 
     pub fn budget(&self) -> Budget {
@@ -366,6 +376,18 @@ impl SceneFile {
             return Err(error(format!(
                 "train.max_error = {most} must be above 0 and below 1: it is a fraction, 0.05 is 5 %"
             )));
+        }
+        if let Some(gamma) = self.train.gamma
+            && !(0.2..=5.0).contains(&gamma)
+        {
+            return Err(error(format!("train.gamma = {gamma} must be from 0.2 to 5; 1 is linear light, the paper has 2.2")));
+        }
+        if self.train.budget().is_given() && self.train.gamma.is_some_and(|gamma| gamma != 1.0) {
+            return Err(error(
+                "train.max_error and train.max_bytes choose sizes in linear light: leave train.gamma out, or give --basis \
+                 and --points"
+                    .to_owned(),
+            ));
         }
         if self.train.budget().is_given() && self.train.method == Method::Belcour {
             return Err(error(

@@ -247,7 +247,7 @@ fn each_broken_rule_has_its_message() {
 fn broken_local_models_have_their_messages() {
     let original = saved(&room::local_model(Channels::Mono, 4));
     type Change = fn(&mut Parts);
-    let cases: [(&str, Change); 5] = [
+    let cases: [(&str, Change); 6] = [
         ("tensor transfer is [3, 36, 61], expected 4 rows for each of 256 anchors", |p| {
             p.put("anchors.indices", &[255])
         }),
@@ -256,6 +256,7 @@ fn broken_local_models_have_their_messages() {
         ("tensor anchors.indices is U8 [1, 1024, 4], expected U8 [32, 32, 4]", |p| {
             p.tensor("anchors.indices").2 = vec![1, 1024, 4];
         }),
+        ("gamma = 40 must be from 0.1 to 10", |p| p.metadata["gamma"] = 40.0.into()),
         ("a local basis has no mean", |p| p.metadata["mean_scaled_by_norm"] = true.into()),
     ];
     for (expected, change) in cases {

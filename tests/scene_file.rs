@@ -151,6 +151,7 @@ fn scene_file() -> impl Strategy<Value = SceneFile> {
                 lambda,
                 anchors: sub_points,
                 bits: if multi { 8 } else { 16 },
+                gamma: belcour.then_some(2.2),
                 prior: multi,
                 max_error: second.then_some(0.05),
                 max_bytes: multi.then_some(Bytes(sub_points as u64)),

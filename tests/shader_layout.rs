@@ -30,7 +30,7 @@ macro_rules! layout_of {
 /// The layouts of all structs of all stages, by name.
 fn wgsl_layouts() -> BTreeMap<String, Layout> {
     let mut layouts = BTreeMap::new();
-    let basis = Basis { size: 1, elements: 1, components: 1, values: Values::Byte(vec![0]), anchors: None };
+    let basis = Basis { size: 1, elements: 1, components: 1, values: Values::Byte(vec![0]), anchors: None, gamma: 1.0 };
     for stage in Stage::ALL {
         let source = stage.source(&basis, Lookup::Texture);
         let module = naga::front::wgsl::parse_str(&source)
@@ -87,7 +87,7 @@ fn rust_and_wgsl_structs_agree() {
         ("Node", layout_of!(Node { low, after, high, primitives })),
         ("Blocker", layout_of!(Blocker { a, triangle, b, masked, c })),
         ("SubPoint", layout_of!(SubPoint { position, normal, geometric_normal, albedo })),
-        ("TransferShape", layout_of!(TransferShape { points, interleaved, mean_scaled_by_norm })),
+        ("TransferShape", layout_of!(TransferShape { points, interleaved, mean_scaled_by_norm, inverse_gamma })),
     ];
     for (name, layout) in rust {
         assert_eq!(wgsl.get(name), Some(&layout), "struct {name}");

@@ -363,7 +363,7 @@ fn made_up(model: &Model, shape: Option<(usize, bool)>) -> Model {
         false => Values::Half((0..values).map(|i| f16::from_f32(random(i) as f32 / 255.0)).collect()),
     };
     let coefficients = elements * anchors.as_ref().map_or(1, |a| a.count);
-    other.basis = Basis { size, elements, components, values, anchors };
+    other.basis = Basis { size, elements, components, values, anchors, gamma: 1.0 };
     other.transfer = made_up_transfer(&model.transfer, coefficients, model.transfer.points);
     other
 }
@@ -372,5 +372,5 @@ fn made_up_transfer(like: &Transfer, elements: usize, points: usize) -> Transfer
     let row = points * like.matrices[0].len() / (like.elements * like.points).max(1);
     let matrix: Vec<f32> = (0..elements * row).map(|i| mix64(i as u64) as u8 as f32 * 1e-4).collect();
     let matrices = vec![matrix; like.matrices.len()];
-    Transfer { channels: like.channels, elements, points, matrices, mean_scaled_by_norm: false }
+    Transfer { channels: like.channels, elements, points, matrices, mean_scaled_by_norm: false, gamma: 1.0 }
 }

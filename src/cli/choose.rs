@@ -15,6 +15,7 @@ use crate::scene::Tracer;
 use crate::scene_file::{Conditions, MOST_CONDITIONS as MOST_SETTING, SceneFile};
 use crate::transfer::budget::{self, Residuals, Storage, candidates, cross_validate, trial_settings};
 use crate::transfer::enough::{self, LEAST_GAIN, More};
+use crate::transfer::gamma::{Contest, GAMMA};
 use crate::transfer::{Budget, Candidate, Fit, Gram, HeldOutErrors, Method, Prior, Size, TrainSettings};
 
 /// Most conditions that `auto` goes to: the decomposition of so many takes as long as their bake.
@@ -40,10 +41,26 @@ impl Prepared {
             Conditions::Count(_) => None,
             Conditions::Auto => Some(self.grow(place, reporter)?),
         };
-        if self.scene.train.budget().is_given() {
+        let train = &self.scene.train;
+        let (sized, raised) = (train.budget().is_given(), train.gamma.is_none() && train.method != Method::Belcour);
+        if sized || raised {
             let bake = || -> Result<Ready, Failure> { self.ready(&Tracer::new(&self.asset), place, reporter) };
             let from = ready.map_or_else(bake, Ok)?;
-            ready = Some(self.size(from, place, held, reporter)?);
+            // Sizes are chosen by errors in linear light.
+            ready = Some(if sized { self.size(from, place, held, reporter)? } else { self.space(from, reporter)? });
+        }
+        Ok(ready)
+    }
+
+    /// Takes the γ that a trial tells to be better.
+    fn space(&mut self, ready: Ready, reporter: &Reporter) -> Result<Ready, Failure> {
+        let contest = Contest::of(&ready.dataset, self.scene.train.channels, reporter)?;
+        let gamma = if contest.is_some_and(|c| c.gamma_wins) { GAMMA } else { 1.0 };
+        self.scene.train.gamma = Some(gamma);
+        if let Some(Contest { linear, gamma: raised, .. }) = contest {
+            let (linear, raised) = (100.0 * linear, 100.0 * raised);
+            let why = format!("on trial an error of {linear:.1} % in linear light, {raised:.1} % with gamma {GAMMA}");
+            self.choices.push(Choice { setting: "train.gamma".to_owned(), value: gamma.to_string(), why });
         }
         Ok(ready)
     }

@@ -40,6 +40,7 @@ fn model_facts(model: &Model) -> Value {
             "anchors": model.basis.anchors.as_ref().map_or(Value::from("none: one basis for all texels"), |a| a.count.into()),
             "channels": transfer.channels,
             "mean among them": transfer.mean_scaled_by_norm,
+            "gamma": (transfer.gamma as f64 * 1e6).round() * 1e-6,
             "lightmap": format!("{0} x {0}", model.basis.size),
             "bits of a value": 8 * model.basis.values.bytes() / model.basis.values.len().max(1),
             "bytes a texel": model.basis.bytes_per_texel(),

@@ -13,6 +13,7 @@ use crate::model::{Basis, Choice, HeldOut, Model, Scope, TrainingRecord, Transfe
 use crate::progress::Progress;
 use crate::scene::{Asset, Finish, Lightmap, Tracer, lay_out};
 use crate::scene_file::SceneFile;
+use crate::transfer::gamma::{Judged, errors_of_global, errors_of_local};
 use crate::transfer::{Fit, Gram, HeldOutErrors, LocalFit, Method, Prior, PriorSums, Terms, TransferError, fit_scope};
 use crate::transport::{Adjoint, BakeSettings};
 
@@ -165,13 +166,24 @@ impl Prepared {
         let Ready { points, dataset, gram, bake_seconds } = ready;
         let start = Instant::now();
         let settings = self.train_settings();
-        let fit = Fit::train(&dataset, &gram, settings)?;
+        let gamma = self.scene.train.gamma();
+        // In gamma space the fit has the roots of everything.
+        let raised = if gamma == 1.0 {
+            None
+        } else {
+            let roots = dataset.roots(gamma);
+            let gram = Gram::of(&roots, reporter)?;
+            Some((roots, gram))
+        };
+        let (fitted, fitted_gram) = raised.as_ref().map_or((&dataset, &gram), |(roots, gram)| (roots, gram));
+        let fit = Fit::train(fitted, fitted_gram, settings)?;
         if fit.dropped > 0 {
             reporter
                 .note(&format!("{} of {} conditions light nothing and were dropped", fit.dropped, dataset.training));
         }
         let train = &self.scene.train;
-        let prior = if train.prior && train.method != Method::Belcour {
+        // Paths carry light, not its roots.
+        let prior = if train.prior && train.method != Method::Belcour && gamma == 1.0 {
             Some(self.prior(&self.scene.scenario, &fit, &tracer, &points, &dataset, reporter)?)
         } else {
             None
@@ -181,17 +193,26 @@ impl Prepared {
             None => fit,
         };
         let finish = self.finish(&tracer);
-        let (basis, transfer, errors) = match settings.method {
-            Method::Local => self.train_local(&finish, &fit, &dataset, &gram, reporter)?,
+        let lit: Vec<usize> = dataset.held_out().filter(|&h| gram.is_lit(h)).collect();
+        let judged = Judged { gamma, conditions: &lit };
+        let (mut basis, mut transfer, errors) = match settings.method {
+            Method::Local => self.train_local(&finish, &fit, fitted, fitted_gram, judged, reporter)?,
             Method::Belcour | Method::Linear => {
-                let errors = HeldOutErrors::of(&fit, &dataset, &gram);
-                let (values, transfer) = fit.expand(&dataset, reporter)?;
+                let errors = match gamma {
+                    1.0 => HeldOutErrors::of(&fit, fitted, fitted_gram),
+                    _ => errors_of_global(&fit, fitted, fitted_gram, judged, reporter)?,
+                };
+                let (values, transfer) = fit.expand(fitted, reporter)?;
                 (Basis::from_texels(&finish, transfer.elements, &values), transfer, errors)
             }
         };
+        (basis.gamma, transfer.gamma) = (gamma, gamma);
+        drop(raised);
         let negative = self.negative(&basis, &transfer, &dataset);
         let (mut record, scope) = self.record(&tracer, &points, &dataset, &fit, &errors, negative)?;
-        record.shortages = self.shortages(&tracer, place, (&fit, prior.as_ref(), &errors), (&dataset, &gram))?;
+        if gamma == 1.0 {
+            record.shortages = self.shortages(&tracer, place, (&fit, prior.as_ref(), &errors), (&dataset, &gram))?;
+        }
         let model = Model { asset: self.asset.clone(), points, basis, transfer, scope, record };
         let train_seconds = start.elapsed().as_secs_f64();
         let paths = place.rendered.as_ref().map_or(self.scene.bake.paths, |r| r.samples().unwrap_or(0));
@@ -222,12 +243,16 @@ impl Prepared {
         fit: &Fit,
         dataset: &Dataset,
         gram: &Gram,
+        judged: Judged,
         reporter: &Reporter,
     ) -> Result<(Basis, Transfer, HeldOutErrors), Failure> {
         let train = &self.scene.train;
         let terms = Terms::new(fit, dataset, &self.places(), train.anchors, reporter)?;
         let local = LocalFit::train(&terms, train.elements(), train.precision());
-        let errors = HeldOutErrors::of_local(&local, &terms, train.channels, dataset, gram, reporter)?;
+        let errors = match judged.gamma {
+            1.0 => HeldOutErrors::of_local(&local, &terms, train.channels, dataset, gram, reporter)?,
+            _ => errors_of_local(&local, &terms, train.channels, dataset, gram, judged, reporter)?,
+        };
         let basis = local.page(&terms, finish.sources(), &|planes| finish.path_traced_pages(planes));
         Ok((basis, local.transfer(&terms, train.channels), errors))
     }

@@ -63,6 +63,10 @@ pub struct Overrides {
     /// Whether colour channels share the vectors (multi) or have vectors of their own (mono)
     #[arg(long)]
     pub channels: Option<Channels>,
+    /// Transfer between γth roots of light, such as 2.2, where contrast is high; two lights then do not add [default: 1, or 2.2
+    /// where a trial on training conditions tells that it is better]
+    #[arg(long)]
+    pub gamma: Option<f32>,
     /// Ridge, relative to trace(DDᵀ)/P
     #[arg(long)]
     pub lambda: Option<f64>,
@@ -130,6 +134,9 @@ impl Overrides {
         }
         if self.max_bytes.is_some() {
             scene.train.max_bytes = self.max_bytes;
+        }
+        if self.gamma.is_some() {
+            scene.train.gamma = self.gamma;
         }
         if self.lambda.is_some() {
             scene.train.lambda = self.lambda;

@@ -63,6 +63,7 @@ impl Place {
             sub_points: if train.prior { sub_points } else { 0 },
             texels,
             lightmap_size: scene.lightmap.size as usize,
+            raised: scene.train.gamma() != 1.0,
         });
         let needed = Bytes(Bytes::resident().0 + slack() + fit);
         let so_far = Bytes(Bytes::peak().unwrap_or(0));

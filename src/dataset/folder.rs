@@ -24,7 +24,7 @@ use crate::scene::{Lightmap, Tracer};
 use crate::transport::{BakeSettings, BakedTexels, Baker, NoiseSums, TILE};
 
 /// Takes a range of texels and their rows.
-type Visit<'v> = dyn FnMut(Range<usize>, &[f32]) -> Result<(), DatasetError> + 'v;
+pub(super) type Visit<'v> = dyn FnMut(Range<usize>, &[f32]) -> Result<(), DatasetError> + 'v;
 
 /// What is baked, and how.
 #[derive(Clone, Copy)]

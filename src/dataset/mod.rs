@@ -9,6 +9,7 @@ pub mod folder;
 pub mod manifest;
 pub mod memory;
 pub mod rendered;
+mod roots;
 mod select;
 mod shard;
 pub mod unbaked;
@@ -48,6 +49,11 @@ pub struct Dataset {
 pub enum Indirect {
     Memory(Vec<f32>),
     Folder(folder::Shards),
+    /// The γth roots of others, raised as they are read.
+    Roots {
+        of: Box<Indirect>,
+        gamma: f32,
+    },
 }
 
 /// Texels that I is walked by: 256 rows of 1,000 f64 vectors fill 2 MB, the second-level cache.
@@ -103,13 +109,7 @@ impl Dataset {
             progress.advance(count);
             Ok(())
         };
-        match &self.indirect {
-            Indirect::Memory(values) => {
-                let blocks = values.chunks((ROWS * row).max(1)).enumerate();
-                blocks.into_iter().try_for_each(|(i, rows)| visit(i * ROWS..i * ROWS + rows.len() / row, rows))
-            }
-            Indirect::Folder(shards) => shards.for_each_rows(row, visit),
-        }
+        self.indirect.for_each_rows(row, visit)
     }
 
     /// I of some conditions: `[texel][channel][condition of the range]`.

@@ -48,7 +48,7 @@ fn gather_indirect(
     });
     let in_folders: Option<Vec<InFolder>> = (parts.iter().zip(starts.clone()))
         .map(|((of, picks), start)| match &of.indirect {
-            Indirect::Memory(_) => None,
+            Indirect::Memory(_) | Indirect::Roots { .. } => None,
             Indirect::Folder(shards) => {
                 let mut becomes = vec![None; of.conditions.len()];
                 picks.iter().enumerate().for_each(|(i, &pick)| becomes[pick] = Some((start + i) as u32));

@@ -44,7 +44,12 @@ pub fn page(model: &Model) -> String {
     } else {
         ""
     };
-    let linear = if transfer.mean_scaled_by_norm { "" } else { ", linear in the light" };
+    let gamma = transfer.gamma;
+    let (root, raised) = match gamma {
+        1.0 => (String::new(), "max(E, 0)".to_owned()),
+        _ => (format!(" First raise x to 1/{gamma}."), format!("max(E, 0)^{gamma}")),
+    };
+    let linear = if transfer.mean_scaled_by_norm || gamma != 1.0 { "" } else { ", linear in the light" };
     format!(
         "# Indirect light for {name}
 
@@ -67,12 +72,12 @@ shadows at the points.
    1/π. A row of pixels whose G-buffer holds these points does it with the shaders that you have. Start shadow rays on the
    side of `geometric_normal`.
 2. **Downsample.** `x[i]` is the mean of `e` over the {per_point} sub-points in `neighbours[i]`.
-3. **Transfer.** {matrices}.{mean}
+3. **Transfer.**{root} {matrices}.{mean}
 
 ## At each pixel, or once into a texture of {size} x {size}
 
 4. {shading}
-5. Indirect radiance is `albedo / π · max(E, 0)`. A truncated basis may ring below zero; light does not.
+5. Indirect radiance is `albedo / π · {raised}`. A truncated basis may ring below zero; light does not.
 
 `lightmap_uv` is TEXCOORD_1, row 0 of the textures is at v = 0, elements and points count from 0. There is light on fronts alone; the
 back of a two-sided surface has none. In WGSL, step 4 of either kind is `indirect_irradiance(lightmap_uv)`; `indirect_from_basis.wgsl` reads

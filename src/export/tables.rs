@@ -27,6 +27,7 @@ pub fn json(model: &Model) -> String {
         "name": model.asset.name,
         "channels": transfer.channels,
         "mean_scaled_by_norm": transfer.mean_scaled_by_norm,
+        "gamma": transfer.gamma,
         "basis": {
             "size": basis.size,
             "elements": basis.elements,

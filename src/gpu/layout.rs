@@ -130,4 +130,5 @@ pub struct TransferShape {
     pub points: u32,
     pub interleaved: u32,
     pub mean_scaled_by_norm: u32,
+    pub inverse_gamma: f32,
 }

@@ -53,6 +53,7 @@ impl Measurement {
             points: transfer.points as u32,
             interleaved: (transfer.channels == Channels::Multi) as u32,
             mean_scaled_by_norm: transfer.mean_scaled_by_norm as u32,
+            inverse_gamma: 1.0 / transfer.gamma,
         };
         let sub_point_buffer = gpu.storage("the sub-points", &sub_points)?;
         let neighbours = gpu.storage("the sub-points' neighbours", &points.neighbours)?;

@@ -122,6 +122,7 @@ fn shape(basis: &Basis) -> String {
     ]
     .map(|(name, what, value)| format!("const {name} = {value}u; // {what}\n"))
     .concat()
+        + &format!("const RELIGHT_GAMMA = {:?}f; // what values and coefficients make is raised to this\n", basis.gamma)
 }
 
 #[cfg(test)]
@@ -134,7 +135,7 @@ mod tests {
     fn the_cheaper_lookup_follows_the_counts() {
         let basis = |elements: usize, anchors: bool| {
             let anchors = anchors.then(|| Anchors { count: 1, indices: vec![], shares: vec![] });
-            Basis { size: 256, elements, components: 1, values: Values::Byte(vec![]), anchors }
+            Basis { size: 256, elements, components: 1, values: Values::Byte(vec![]), anchors, gamma: 1.0 }
         };
         let pixels = 1920 * 1080;
         assert_eq!(Lookup::cheaper(&basis(16, false), pixels), Lookup::Fragment);

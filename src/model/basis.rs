@@ -24,6 +24,8 @@ pub struct Basis {
     pub values: Values,
     /// Of a local basis.
     pub anchors: Option<Anchors>,
+    /// What values and coefficients make is raised to this: the transfer's γ. 1: they make the light itself.
+    pub gamma: f32,
 }
 
 /// Values of a basis, about 1 at most (but for a mean's, which are as they are).
@@ -102,7 +104,7 @@ impl Basis {
         let pages = finish.path_traced_pages(values);
         let components = pages.len() / (elements * finish.size * finish.size).max(1);
         let values = Values::Half(pages.into_iter().map(f16::from_f32).collect());
-        Self { size: finish.size, elements, components, values, anchors: None }
+        Self { size: finish.size, elements, components, values, anchors: None, gamma: 1.0 }
     }
 
     /// Bytes a texel: values, anchors and their weights.
@@ -126,11 +128,11 @@ impl Basis {
         self.elements * self.anchors.as_ref().map_or(1, |a| a.count)
     }
 
-    /// Indirect irradiance of all texels (METHOD eq. 8 and 10). GPU twin: `shaders/reconstruct.wgsl`.
+    /// Indirect irradiance of all texels (METHOD eq. 8 and 10), or its root. GPU twin: `shaders/reconstruct.wgsl`.
     pub fn reconstruct(&self, coefficients: &[Rgb]) -> LightmapImage {
         assert_eq!(coefficients.len(), self.coefficients(), "coefficients of another basis");
         let values = (0..self.size * self.size).into_par_iter().map(|texel| self.at(texel, coefficients)).collect();
-        LightmapImage { size: self.size, values }
+        LightmapImage { size: self.size, values, gamma: self.gamma }
     }
 
     pub(super) fn at(&self, texel: usize, coefficients: &[Rgb]) -> Rgb {
@@ -157,8 +159,10 @@ impl Basis {
 pub struct LightmapImage {
     /// Side, texels.
     pub size: usize,
-    /// `[y][x]`.
+    /// `[y][x]`, of either sign: light, or its γth root.
     pub values: Vec<Rgb>,
+    /// γ.
+    pub gamma: f32,
 }
 
 impl LightmapImage {
@@ -167,16 +171,19 @@ impl LightmapImage {
     pub fn new(finish: &Finish, values: &[Rgb]) -> Self {
         let page = |channel: usize| finish.path_traced_pages(&values.iter().map(|v| v[channel]).collect::<Vec<f32>>());
         let [r, g, b] = [page(0), page(1), page(2)];
-        Self { size: finish.size, values: (0..r.len()).map(|i| Rgb::new(r[i], g[i], b[i])).collect() }
+        let values = (0..r.len()).map(|i| Rgb::new(r[i], g[i], b[i])).collect();
+        Self { size: finish.size, values, gamma: 1.0 }
     }
 
-    /// At lightmap coordinates in [0, 1]², bilinear between texel centres. GPU twin: `shaders/shade.wgsl`.
+    /// Light at lightmap coordinates in [0, 1]², bilinear between texel centres, with γ = 1 of either sign. GPU twin:
+    /// `shaders/lookup_bilinear.wgsl`.
     pub fn sample(&self, uv: glam::Vec2) -> Rgb {
         let p = uv * self.size as f32 - 0.5;
         let (base, f) = (p.floor(), p - p.floor());
         let clamp = |x: f32| (x as i64).clamp(0, self.size as i64 - 1) as usize;
         let texel = |dx: f32, dy: f32| self.values[clamp(base.y + dy) * self.size + clamp(base.x + dx)];
         let top = texel(0.0, 0.0).lerp(texel(1.0, 0.0), f.x);
-        top.lerp(texel(0.0, 1.0).lerp(texel(1.0, 1.0), f.x), f.y)
+        let value = top.lerp(texel(0.0, 1.0).lerp(texel(1.0, 1.0), f.x), f.y);
+        if self.gamma == 1.0 { value } else { value.max(Rgb::ZERO).powf(self.gamma) }
     }
 }

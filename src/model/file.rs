@@ -18,7 +18,7 @@ use crate::scene::material::Wrap;
 use crate::scene::{Asset, Camera, Material, Mesh, PunctualLight, Texture};
 
 /// Raised whenever a file of the old shape would be misread.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// The metadata key that holds everything that is not a tensor, as JSON. One key, since the order of several is not defined.
 const METADATA_KEY: &str = "relight";
@@ -43,6 +43,7 @@ struct Metadata {
     name: String,
     channels: Channels,
     mean_scaled_by_norm: bool,
+    gamma: f32,
     materials: Vec<Material>,
     textures: Vec<TextureMetadata>,
     lights: Vec<PunctualLight>,
@@ -149,6 +150,7 @@ impl Model {
             name: self.asset.name.clone(),
             channels: transfer.channels,
             mean_scaled_by_norm: transfer.mean_scaled_by_norm,
+            gamma: transfer.gamma,
             materials: self.asset.materials.clone(),
             textures: (self.asset.textures.iter())
                 .map(|t| TextureMetadata { name: t.name.clone(), srgb: t.srgb, wrap: t.wrap })
@@ -283,6 +285,10 @@ impl Reader<'_> {
         if !matrices.iter().all(|m| m.is_finite()) {
             return Err("tensor transfer is not finite".into());
         }
+        if !(0.1..=10.0).contains(&metadata.gamma) {
+            return Err(format!("gamma = {} must be from 0.1 to 10", metadata.gamma));
+        }
+        basis.gamma = metadata.gamma;
         if metadata.mean_scaled_by_norm && basis.anchors.is_some() {
             return Err("a local basis has no mean".into());
         }
@@ -292,6 +298,7 @@ impl Reader<'_> {
             points: points.points.len(),
             matrices: matrices.chunks_exact((elements * rows).max(1)).map(<[f32]>::to_vec).collect(),
             mean_scaled_by_norm: metadata.mean_scaled_by_norm,
+            gamma: metadata.gamma,
         };
         let scope = self.scope(metadata.scope, points.points.len())?;
         let asset = Asset {
@@ -335,7 +342,7 @@ impl Reader<'_> {
             return Err(format!("tensor basis is {shape:?}, expected square layers and at least one"));
         }
         let anchors = if self.has("anchors.indices") { Some(self.anchors(size)?) } else { None };
-        Ok(Basis { size, elements, components, values, anchors })
+        Ok(Basis { size, elements, components, values, anchors, gamma: 1.0 })
     }
 
     fn anchors(&self, size: usize) -> Result<Anchors, String> {

@@ -57,6 +57,8 @@ pub struct Transfer {
     /// Whether element 0 is the mean, whose coefficient is the norm of x (of the channel's x for mono) and whose matrix
     /// row is zero (the paper's baseline).
     pub mean_scaled_by_norm: bool,
+    /// γ: x is raised to 1/γ first, and what the basis makes of u is raised to γ (paper 5.3). 1: linear in the light.
+    pub gamma: f32,
 }
 
 /// A trained model, complete for relighting: nothing else needs to be read.
@@ -76,6 +78,14 @@ impl Transfer {
     /// GPU twin: `shaders/transfer.wgsl`.
     pub fn coefficients(&self, direct: &[Rgb]) -> Vec<Rgb> {
         assert_eq!(direct.len(), self.points, "direct vector of another point set");
+        if self.gamma == 1.0 {
+            return self.of_vector(direct);
+        }
+        let roots: Vec<Rgb> = direct.iter().map(|x| x.max(Rgb::ZERO).powf(1.0 / self.gamma)).collect();
+        self.of_vector(&roots)
+    }
+
+    fn of_vector(&self, direct: &[Rgb]) -> Vec<Rgb> {
         let mut u = vec![Rgb::ZERO; self.elements];
         match self.channels {
             Channels::Mono => {

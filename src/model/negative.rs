@@ -14,7 +14,7 @@ const PART: usize = 4096;
 const AT_ONCE: usize = 32;
 
 /// Per direct vector, sqrt(Σ a min(î, 0)²) / sqrt(Σ a î²) over `texels`, (index in the page, area a), and channels: how much of
-/// the relit lightmap is negative light. Zero where it is dark.
+/// the relit lightmap is negative light. Zero where it is dark. With a γ other than 1, of what is raised to it.
 pub fn negative_shares(
     basis: &Basis,
     transfer: &Transfer,
@@ -56,10 +56,16 @@ mod tests {
     #[test]
     fn the_share_is_that_of_the_norm() {
         let values = [1.0, 9.0, 9.0, -0.5].map(f16::from_f32).to_vec();
-        let basis = Basis { size: 2, elements: 1, components: 1, values: Values::Half(values), anchors: None };
+        let basis = Basis { size: 2, elements: 1, components: 1, values: Values::Half(values), anchors: None, gamma: 1.0 };
         let matrices = vec![vec![1.0]; 3];
-        let transfer =
-            Transfer { channels: Channels::Mono, elements: 1, points: 1, matrices, mean_scaled_by_norm: false };
+        let transfer = Transfer {
+            channels: Channels::Mono,
+            elements: 1,
+            points: 1,
+            matrices,
+            mean_scaled_by_norm: false,
+            gamma: 1.0,
+        };
         let lights = [Rgb::ONE, Rgb::new(0.0, 7.0, 0.0), Rgb::ZERO, -Rgb::ONE].map(|x| vec![x]);
         let shares = negative_shares(&basis, &transfer, &[(0, 3.0), (3, 1.0)], &lights);
         let expected = [(0.25f64 / 3.25).sqrt(), (0.25f64 / 3.25).sqrt(), 0.0, (3.0f64 / 3.25).sqrt()];

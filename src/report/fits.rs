@@ -128,6 +128,7 @@ impl<'r> Recipe<'r> {
             sub_points: if self.prior.is_some() { points.sub_points.len() } else { 0 },
             texels: dataset.texels(),
             lightmap_size: self.lightmap_size,
+            raised: false,
         });
         Bytes::resident().0 + needed <= self.memory.0
     }

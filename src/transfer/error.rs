@@ -158,20 +158,11 @@ impl<'t> Tested<'t> {
     /// The same of the lightmap projected on the basis, for one condition: what no transfer can better.
     fn squared_oracle_error(&self, condition: usize) -> f64 {
         let probe = Probe::one(condition);
-        let of_group = |(g, group): (usize, &&[usize])| {
+        let of_group = |g: usize| {
             let projected = self.projection(g, &probe);
-            let best: Vec<f64> = match &self.oracle {
-                Oracle::Solve(cholesky) => cholesky.solve(ColRef::from_slice(&projected)).iter().copied().collect(),
-                Oracle::Orthonormal { has_mean: false } => projected.clone(),
-                Oracle::Orthonormal { has_mean: true } => {
-                    let mean = (self.coefficients)(g, &direct_vector(self.dataset, group, condition))[0];
-                    let other = |j: usize| projected[j] - mean * self.products[(j, 0)];
-                    (0..projected.len()).map(|j| if j == 0 { mean } else { other(j) }).collect()
-                }
-            };
-            distance(self.truth(g, &probe), &projected, &self.products, &best)
+            distance(self.truth(g, &probe), &projected, &self.products, &self.nearest(g, condition))
         };
-        groups(self.channels).iter().enumerate().map(of_group).sum::<f64>().max(0.0)
+        (0..groups(self.channels).len()).map(of_group).sum::<f64>().max(0.0)
     }
 
     /// Relative errors on all held-out conditions that are lit.
@@ -182,6 +173,29 @@ impl<'t> Tested<'t> {
         };
         let (transfer, oracle) = self.lit().par_iter().map(errors).unzip();
         HeldOutErrors { transfer, oracle }
+    }
+
+    /// The coefficients that the direct light of a held-out condition gives, and those nearest to its lightmap, for each group.
+    pub(super) fn coefficients_of(&self, condition: usize) -> [Vec<Vec<f64>>; 2] {
+        let groups = groups(self.channels);
+        let given = |group: &&[usize]| direct_vector(self.dataset, group, condition);
+        let transferred = groups.iter().enumerate().map(|(g, group)| (self.coefficients)(g, &given(group))).collect();
+        [transferred, (0..groups.len()).map(|g| self.nearest(g, condition)).collect()]
+    }
+
+    /// Coefficients of a lightmap projected on the basis.
+    fn nearest(&self, group: usize, condition: usize) -> Vec<f64> {
+        let projected = self.projection(group, &Probe::one(condition));
+        match &self.oracle {
+            Oracle::Solve(cholesky) => cholesky.solve(ColRef::from_slice(&projected)).iter().copied().collect(),
+            Oracle::Orthonormal { has_mean: false } => projected,
+            Oracle::Orthonormal { has_mean: true } => {
+                let direct = direct_vector(self.dataset, groups(self.channels)[group], condition);
+                let mean = (self.coefficients)(group, &direct)[0];
+                let other = |j: usize| projected[j] - mean * self.products[(j, 0)];
+                (0..projected.len()).map(|j| if j == 0 { mean } else { other(j) }).collect()
+            }
+        }
     }
 
     /// |i|² of a group of vectors.

@@ -48,7 +48,7 @@ pub const LOCAL_TERMS: usize = 192;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Lambda {
-    /// The relative value with the least leave-one-out error.
+    /// The largest relative value whose leave-one-out error is the least there is, within its standard error.
     LeaveOneOut,
     Relative(f64),
     /// In units of D itself. With `Method::Belcour` direct vectors have unit norm, as in the paper.
@@ -363,12 +363,13 @@ impl Fit {
             points: dataset.points(),
             matrices: self.matrices.iter().map(row_major).collect(),
             mean_scaled_by_norm: self.has_mean(),
+            gamma: 1.0,
         };
         Ok((values, transfer))
     }
 
     /// U over texels: `[element][component][texel]`.
-    fn basis_values(&self, dataset: &Dataset, progress: &dyn Progress) -> Result<Vec<f32>, DatasetError> {
+    pub(super) fn basis_values(&self, dataset: &Dataset, progress: &dyn Progress) -> Result<Vec<f32>, DatasetError> {
         let (texels, elements) = (dataset.texels(), self.combination.ncols());
         let components = self.settings.channels.components();
         let mut values = vec![0f32; texels * elements * components];
@@ -473,13 +474,34 @@ fn centre(gram: MatRef<f64>, share: &dyn Fn(usize) -> f64) -> Mat<f64> {
     })
 }
 
-/// Sum of the squared leave-one-out residuals of all groups.
+/// Squared leave-one-out residual of each condition, all groups together.
 pub(super) fn leave_one_out<'c>(
     ridges: &[Ridge],
     coefficients: impl Fn(usize) -> MatRef<'c, f64>,
     lambda: impl Fn(&Ridge) -> f64,
-) -> f64 {
-    ridges.iter().enumerate().map(|(g, r)| r.leave_one_out(coefficients(g), lambda(r))).sum()
+) -> Vec<f64> {
+    let of_group = ridges.iter().enumerate().map(|(g, r)| r.leave_one_out(coefficients(g), lambda(r)));
+    let add = |mut sum: Vec<f64>, part: Vec<f64>| {
+        sum.iter_mut().zip(part).for_each(|(sum, v)| *sum += v);
+        sum
+    };
+    of_group.reduce(add).unwrap_or_default()
+}
+
+/// The largest λ whose leave-one-out error is above the least one by no more than its standard error, that of the difference
+/// over conditions. `errors` are those of rising λ. Where few conditions tell little of λ the matrix stays small: lights that
+/// are like none of them are then not blown up.
+fn largest_as_good(errors: &[Vec<f64>]) -> usize {
+    let total = |e: &Vec<f64>| e.iter().sum::<f64>();
+    let best = (0..errors.len()).min_by(|&a, &b| total(&errors[a]).total_cmp(&total(&errors[b]))).unwrap_or(0);
+    let as_good = |i: &usize| {
+        let n = errors[*i].len() as f64;
+        let worse: Vec<f64> = errors[*i].iter().zip(&errors[best]).map(|(a, b)| a - b).collect();
+        let mean = worse.iter().sum::<f64>() / n;
+        let variance = worse.iter().map(|w| (w - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+        mean <= (variance / n).sqrt()
+    };
+    (best..errors.len()).rev().find(as_good).unwrap_or(best)
 }
 
 /// Absolute λ for each group's ridge.
@@ -496,12 +518,11 @@ pub(super) fn choose_lambda<'c>(
             let floor = LEAVE_ONE_OUT_FLOOR * rows;
             // Four values a decade: the error is flat around its minimum.
             let candidates: Vec<f64> = (0..=24).map(|i| floor * 10f64.powf(i as f64 / 4.0)).collect();
-            let errors: Vec<f64> = candidates
+            let errors: Vec<Vec<f64>> = candidates
                 .par_iter()
                 .map(|&value| leave_one_out(ridges, &coefficients, |r| value * r.mean_square))
                 .collect();
-            let best = (0..errors.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0);
-            candidates[best]
+            candidates[largest_as_good(&errors)]
         }
     };
     move |ridge| match lambda {

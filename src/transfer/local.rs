@@ -226,6 +226,7 @@ impl LocalFit {
             points: rows / channels.components(),
             matrices: self.matrices.iter().map(row_major).collect(),
             mean_scaled_by_norm: false,
+            gamma: 1.0,
         }
     }
 
@@ -308,7 +309,7 @@ impl LocalFit {
             }
         };
         let size = page.isqrt();
-        Basis { size, elements: n, components, values, anchors: Some(anchors) }
+        Basis { size, elements: n, components, values, anchors: Some(anchors), gamma: 1.0 }
     }
 }
 

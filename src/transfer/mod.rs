@@ -9,6 +9,7 @@ pub mod budget;
 pub mod enough;
 pub mod error;
 pub mod fit;
+pub mod gamma;
 pub mod gram;
 pub mod local;
 pub mod prior;
@@ -47,6 +48,8 @@ pub struct Extent {
     pub texels: usize,
     /// Side of the lightmap.
     pub lightmap_size: usize,
+    /// Whether the fit is in gamma space, which has a Gram matrix of its own.
+    pub raised: bool,
 }
 
 /// Bytes that training takes at most: the Gram matrix, and beside it what makes it, the fit (the weighted and the centred
@@ -92,7 +95,8 @@ pub fn bytes_needed(extent: &Extent) -> u64 {
         Method::Belcour => 0,
         _ => halves + 2 * 8 * terms * (2 * vectors + 3 * extent.conditions as u64) + direct.max(fit / 4),
     };
-    gram + making.max(fit).max(basis).max(scope).max(prior).max(trial)
+    let kept = if extent.raised { 2 * gram } else { gram };
+    kept + making.max(fit).max(basis).max(scope).max(prior).max(trial).max(gamma::bytes_needed(extent))
 }
 
 #[derive(Debug, thiserror::Error)]

@@ -226,7 +226,8 @@ impl Fit {
         let residual_of = |g: usize| -> MatRef<f64> { parts[g][2].as_ref() };
         let plain = leave_one_out(&ridges, |g| parts[g][0].as_ref(), |r| self.lambda * r.mean_square);
         let lambda = choose_lambda(self.settings.lambda, &ridges, residual_of);
-        if leave_one_out(&ridges, residual_of, &lambda) >= plain {
+        let total = |errors: Vec<f64>| errors.into_iter().sum::<f64>();
+        if total(leave_one_out(&ridges, residual_of, &lambda)) >= total(plain) {
             return Ok(self);
         }
         self.lambda = ridges.first().map_or(0.0, |r| lambda(r) / r.mean_square.max(f64::MIN_POSITIVE));

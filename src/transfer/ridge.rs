@@ -57,10 +57,10 @@ impl Ridge {
         projected * self.left.transpose()
     }
 
-    /// Sum over conditions and elements of the squared leave-one-out residual of C: what the fit without a condition is
+    /// Per condition, the sum over elements of the squared leave-one-out residual of C: what the fit without a condition is
     /// wrong by on that condition. With hat matrix H = Z diag(s²/(s² + λ)) Zᵀ it is (C − C H)ₖ / (1 − Hₖₖ), no refit needed
     /// (Allen's PRESS, 1974).
-    pub fn leave_one_out(&self, coefficients: MatRef<f64>, lambda: f64) -> f64 {
+    pub fn leave_one_out(&self, coefficients: MatRef<f64>, lambda: f64) -> Vec<f64> {
         let mut shrunk = coefficients * &self.right;
         let shrink: Vec<f64> = self.singular_values.iter().map(|s| s * s / (s * s + lambda)).collect();
         for (j, f) in shrink.iter().enumerate() {
@@ -75,7 +75,7 @@ impl Ridge {
                 let scale = 1.0 / (1.0 - leverage).max(1e-9);
                 residual.col(k).squared_norm_l2() * scale * scale
             })
-            .sum()
+            .collect()
     }
 
     /// Rows of D: P, or 3 P for interleaved channels.

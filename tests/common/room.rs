@@ -194,8 +194,8 @@ pub fn model_of(
     Model {
         asset,
         points,
-        basis: Basis { size, elements, components, values: Values::Half(values), anchors: None },
-        transfer: Transfer { channels, elements, points: count, matrices, mean_scaled_by_norm },
+        basis: Basis { size, elements, components, values: Values::Half(values), anchors: None, gamma: 1.0 },
+        transfer: Transfer { channels, elements, points: count, matrices, mean_scaled_by_norm, gamma: 1.0 },
         scope: Some(Scope {
             kinds: vec!["point".into(), "sky".into()],
             points: count,
@@ -225,6 +225,12 @@ pub fn model_of(
     }
 }
 
+/// The same in gamma space.
+pub fn raised(mut model: Model) -> Model {
+    (model.basis.gamma, model.transfer.gamma) = (2.2, 2.2);
+    model
+}
+
 /// Anchors of [`local`].
 pub const ANCHORS: usize = 9;
 
@@ -248,7 +254,7 @@ pub fn local(mut model: Model, channels_a_texel: usize) -> Model {
         })
         .collect();
     let anchors = Some(Anchors { count: ANCHORS, indices, shares });
-    model.basis = Basis { size, elements: channels_a_texel, components, values: Values::Byte(codes), anchors };
+    model.basis = Basis { size, elements: channels_a_texel, components, values: Values::Byte(codes), anchors, gamma: 1.0 };
     model
 }
 

@@ -11,9 +11,9 @@ use crate::math::Rgb;
 use crate::model::Transfer;
 use crate::progress::Progress;
 use crate::transfer::error::mean_median_worst;
+use crate::transfer::gamma::GAMMA;
 use crate::transfer::{Fit, Gram, Lambda, Method, PUBLISHED_LAMBDA, TrainSettings, TransferError};
 
-const GAMMA: f32 = 2.2;
 const SIZES: [usize; 5] = [4, 8, 16, 32, 64];
 
 /// Texels that the comparison looks at, evenly spread: their light is held in memory.
@@ -28,8 +28,8 @@ pub fn gamma(inputs: &Inputs, progress: &dyn Progress) -> Result<Option<Section>
     if !inputs.fits_memory((3 * 4 * row * dataset.texels().div_ceil(stride)) as u64) {
         return Ok(None);
     }
-    let plain = sampled(dataset, stride, progress)?;
-    let raised = in_gamma(&plain);
+    let plain = dataset.thinned(stride, progress)?;
+    let raised = plain.roots(GAMMA);
     let (mut series, mut rows) = (Vec::new(), Vec::new());
     let mut said = Vec::new();
     for (method, lambda) in [(Method::Belcour, PUBLISHED_LAMBDA), (Method::Linear, Lambda::LeaveOneOut)] {
@@ -111,32 +111,10 @@ pub fn gamma(inputs: &Inputs, progress: &dyn Progress) -> Result<Option<Section>
     }))
 }
 
-/// Every `stride`-th texel, in memory.
-fn sampled(dataset: &Dataset, stride: usize, progress: &dyn Progress) -> Result<Dataset, ReportError> {
-    let row = 3 * dataset.conditions.len();
-    let mut values = Vec::new();
-    dataset.for_each_rows(progress, |texels, rows| {
-        let of_texel = texels.zip(rows.chunks_exact(row)).filter(|(t, _)| t % stride == 0);
-        of_texel.for_each(|(_, row)| values.extend_from_slice(row));
-    })?;
-    let texel_areas = dataset.texel_areas.iter().step_by(stride).copied().collect();
-    Ok(Dataset { indirect: Indirect::Memory(values), texel_areas, ..dataset.clone() })
-}
-
-/// D and I raised to 1/γ.
-fn in_gamma(dataset: &Dataset) -> Dataset {
-    let raised = |values: &[f32]| values.iter().map(|v| v.max(0.0).powf(1.0 / GAMMA)).collect::<Vec<f32>>();
-    Dataset {
-        direct: raised(&dataset.direct),
-        indirect: Indirect::Memory(raised(values_of(dataset))),
-        ..dataset.clone()
-    }
-}
-
 fn values_of(dataset: &Dataset) -> &[f32] {
     match &dataset.indirect {
         Indirect::Memory(values) => values,
-        Indirect::Folder(_) => unreachable!("sampled into memory"),
+        _ => unreachable!("thinned into memory"),
     }
 }
 
