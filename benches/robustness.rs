@@ -11,7 +11,7 @@
 use std::process::ExitCode;
 
 use glam::Vec3;
-use relight::dataset::{Dataset, Draw, Indirect, Unbaked};
+use relight::dataset::{Dataset, Draw, Indirect, OF_SCENARIO, Unbaked};
 use relight::light::{Kind, KindWeights, Scenario, ScenarioError};
 use relight::measure::MeasurementPoints;
 use relight::model::Channels;
@@ -40,7 +40,7 @@ const METHODS: [(Method, Lambda, usize); 3] = [
 const ANCHORS: usize = 16;
 const PATHS: u32 = 16;
 /// Fewer than a training has by default, so that direct light is noisier, too.
-const SUB_POINTS: usize = 2;
+const SUB_POINTS: usize = 1;
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
@@ -132,7 +132,8 @@ impl<'a> Case<'a> {
             let mut dataset = self.part(training);
             let gram = Gram::of(&dataset, &Silent).expect("finite");
             for points in POINTS {
-                let placed = MeasurementPoints::place(self.tracer.asset(), points, SUB_POINTS, self.seed).expect("room");
+                let placed =
+                    MeasurementPoints::place(self.tracer.asset(), points, SUB_POINTS, self.seed).expect("room");
                 let emission = relight::light::EmissionFacets::of(self.tracer.asset());
                 let table = relight::light::LightTable::from_conditions(&dataset.conditions, &emission);
                 dataset.direct = placed.direct_matrix(self.tracer, &table);
@@ -166,7 +167,8 @@ impl<'a> Case<'a> {
         let fit = Fit::train(dataset, gram, TrainSettings { method, channels, elements, lambda })?;
         let adjoint = Adjoint::new(self.tracer, self.lightmap, points, self.settings);
         let mut sums = PriorSums::new(&fit, dataset, &adjoint, &Silent)?;
-        let unbaked = Unbaked { tracer: self.tracer, points, scenario: &self.scenario, seed: self.seed };
+        let (tracer, scenario) = (self.tracer, &self.scenario);
+        let unbaked = Unbaked { tracer, points, scenario, seed: self.seed, own: OF_SCENARIO };
         unbaked.for_each(&mut |measured| sums.add(measured)).expect("it was drawn from before");
         sums.finish()
     }

@@ -95,7 +95,7 @@ pub struct PointSettings {
 
 impl Default for PointSettings {
     fn default() -> Self {
-        Self { count: 128, sub_points: 8 }
+        Self { count: 512, sub_points: 8 }
     }
 }
 
@@ -380,7 +380,9 @@ impl SceneFile {
         if let Some(gamma) = self.train.gamma
             && !(0.2..=5.0).contains(&gamma)
         {
-            return Err(error(format!("train.gamma = {gamma} must be from 0.2 to 5; 1 is linear light, the paper has 2.2")));
+            return Err(error(format!(
+                "train.gamma = {gamma} must be from 0.2 to 5; 1 is linear light, the paper has 2.2"
+            )));
         }
         if self.train.budget().is_given() && self.train.gamma.is_some_and(|gamma| gamma != 1.0) {
             return Err(error(

@@ -1,13 +1,16 @@
 //! Light carried backwards, and what it tells of a transfer before any lightmap is looked at.
 
 use glam::Vec3;
-use relight::dataset::{Dataset, Draw, Unbaked};
+use relight::dataset::{Dataset, Draw, OF_SCENARIO, Unbaked};
 use relight::light::{Kind, KindWeights, Scenario};
+use relight::math::Rgb;
 use relight::measure::MeasurementPoints;
 use relight::model::Channels;
 use relight::progress::Silent;
 use relight::scene::{Asset, Lightmap, Material, Mesh, Tracer, UvPolicy, lay_out};
-use relight::transfer::{Fit, Gram, HeldOutErrors, Lambda, Method, Prior, PriorSums, TrainSettings};
+use relight::transfer::{
+    Fit, Gram, HeldOutErrors, Lambda, LocalFit, Method, Precision, Prior, PriorSums, Terms, TrainSettings,
+};
 use relight::transport::{Adjoint, BakeSettings, Integrator};
 
 /// A box of side `side` around `centre`, seen from inside or from outside.
@@ -118,7 +121,8 @@ impl Case {
         let tracer = Tracer::new(&self.asset);
         let adjoint = Adjoint::new(&tracer, &self.lightmap, &self.points, settings(256, 32));
         let mut sums = PriorSums::new(fit, dataset, &adjoint, &Silent).unwrap();
-        let unbaked = Unbaked { tracer: &tracer, points: &self.points, scenario: &self.scenario, seed: 1 };
+        let unbaked =
+            Unbaked { tracer: &tracer, points: &self.points, scenario: &self.scenario, seed: 1, own: OF_SCENARIO };
         unbaked.for_each(&mut |measured| sums.add(measured)).unwrap();
         sums.finish().unwrap()
     }
@@ -145,6 +149,45 @@ fn a_prior_makes_up_for_conditions_that_are_missing() {
         // What the transfer adds to the oracle's error, in squares.
         let excess = |e: &relight::transfer::ErrorSummary| e.mean.powi(2) - e.oracle_mean.powi(2);
         assert!(excess(&with) < 0.5 * excess(&without), "{kind:?} {channels:?}: {with:?} against {without:?}");
+    }
+}
+
+/// Light adds with a prior, too: what two lights together give is the sum of what each gives, for a global and a local basis, to
+/// f32 rounding.
+#[test]
+fn two_lights_add_with_a_prior() {
+    let case = Case::new();
+    let dataset = case.dataset(16, Kind::Spot);
+    let gram = Gram::of(&dataset, &Silent).unwrap();
+    let (channels, lambda) = (Channels::Mono, Lambda::LeaveOneOut);
+    let spots: Vec<_> = case.lightmap.spots(&case.asset.mesh).into_iter().map(|s| (s.centre, s.normal)).collect();
+    for method in [Method::Linear, Method::Local] {
+        let fit = Fit::train(&dataset, &gram, TrainSettings { method, channels, elements: 4, lambda }).unwrap();
+        let prior = case.prior(&fit, &dataset);
+        let fit = fit.with_prior(&dataset, &prior).unwrap();
+        assert!(fit.prior);
+        let transfer = if method == Method::Local {
+            let terms = Terms::new(&fit, &dataset, &spots, 4, &Silent).unwrap();
+            LocalFit::train(&terms, 4, Precision::Byte).transfer(&terms, channels)
+        } else {
+            fit.expand(&dataset, &Silent).unwrap().1
+        };
+        let transfer = transfer.rounded();
+        let [a, b] = [17, 23].map(|condition| dataset.direct(condition));
+        let both: Vec<Rgb> = a.iter().zip(&b).map(|(a, b)| *a + *b).collect();
+        // Each coefficient is a sum of P products.
+        let mut magnitudes = transfer.clone();
+        magnitudes.matrices.iter_mut().flatten().for_each(|m| *m = m.abs());
+        let bound = magnitudes.coefficients(&both);
+        let misses = |both: &[Rgb]| {
+            let [a, b, both] = [&a[..], &b, both].map(|x| transfer.coefficients(x));
+            let tolerance = 2.0 * dataset.points() as f32 * f32::EPSILON;
+            let differs = |j: &usize| !(a[*j] + b[*j] - both[*j]).abs().cmple(bound[*j] * tolerance).all();
+            (0..both.len()).filter(differs).count()
+        };
+        assert_eq!(misses(&both), 0, "{method:?}");
+        let brighter: Vec<Rgb> = both.iter().map(|x| *x * 1.01).collect();
+        assert!(misses(&brighter) > 0, "{method:?}: a hundredth more light goes unnoticed");
     }
 }
 

@@ -224,7 +224,7 @@ fn each_broken_rule_has_its_message() {
             *shape = vec![4, 1, 8, side * side / 8];
         }),
         ("tensor basis is F16", |p, _| p.metadata["channels"] = "multi".into()),
-        ("tensor transfer is F32 [3, 4, 61], expected F32 [1, 4, 183]", |p, _| {
+        ("tensor transfer is F16 [3, 4, 61], expected F16 [1, 4, 183]", |p, _| {
             p.metadata["channels"] = "multi".into();
             let (_, _, shape, data) = p.tensor("basis");
             shape[1] = 3;
@@ -252,7 +252,7 @@ fn broken_local_models_have_their_messages() {
             p.put("anchors.indices", &[255])
         }),
         ("tensor anchors.shares is missing", |p| p.remove("anchors.shares")),
-        ("tensor transfer is F32 [3, 36, 61], expected F32 [3, 4, 61]", |p| p.remove("anchors.indices")),
+        ("tensor transfer is F16 [3, 36, 61], expected F16 [3, 4, 61]", |p| p.remove("anchors.indices")),
         ("tensor anchors.indices is U8 [1, 1024, 4], expected U8 [32, 32, 4]", |p| {
             p.tensor("anchors.indices").2 = vec![1, 1024, 4];
         }),
@@ -297,7 +297,7 @@ from safetensors.numpy import load_file
 tensors = load_file(sys.argv[1])
 x = numpy.fromfile(sys.argv[2], "<f4").reshape(-1, 3)
 basis = tensors["basis"].astype("f8")
-transfer = tensors["transfer"].astype("f8")
+transfer = tensors["transfer"].astype("f8") * tensors["transfer.scale"]
 elements, components, size, _ = basis.shape
 assert tensors["points.position"].shape == x.shape
 if "anchors.indices" in tensors:

@@ -87,7 +87,7 @@ fn rust_and_wgsl_structs_agree() {
         ("Node", layout_of!(Node { low, after, high, primitives })),
         ("Blocker", layout_of!(Blocker { a, triangle, b, masked, c })),
         ("SubPoint", layout_of!(SubPoint { position, normal, geometric_normal, albedo })),
-        ("TransferShape", layout_of!(TransferShape { points, interleaved, mean_scaled_by_norm, inverse_gamma })),
+        ("TransferShape", layout_of!(TransferShape { points, interleaved, mean_scaled_by_norm, inverse_gamma, scale })),
     ];
     for (name, layout) in rust {
         assert_eq!(wgsl.get(name), Some(&layout), "struct {name}");

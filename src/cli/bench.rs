@@ -204,7 +204,7 @@ impl Bench {
                         "coefficients": model.basis.elements,
                         "basis": bed.basis_bytes(),
                         "texture": 16 * model.basis.size.pow(2),
-                        "matrix": 12 * model.transfer.elements * model.transfer.points,
+                        "matrix": 6 * model.transfer.elements * model.transfer.points,
                     }));
                 }
             }

@@ -5,11 +5,11 @@ use std::time::Instant;
 
 use glam::Vec3;
 
-use crate::dataset::{Contrast, Dataset, Job, Reading, Unbaked, identity};
-use crate::light::{LightingCondition, Scenario};
+use crate::dataset::{Contrast, Dataset, Job, OF_SCENARIO, Reading, Unbaked, contrast, identity};
+use crate::light::LightingCondition;
 use crate::math::Rgb;
 use crate::measure::MeasurementPoints;
-use crate::model::{Basis, Choice, HeldOut, Model, Scope, TrainingRecord, Transfer, negative_shares};
+use crate::model::{Basis, Choice, HeldOut, Model, Separation, TrainingRecord, Transfer, negative_shares};
 use crate::progress::Progress;
 use crate::scene::{Asset, Finish, Lightmap, Tracer, lay_out};
 use crate::scene_file::SceneFile;
@@ -183,11 +183,10 @@ impl Prepared {
         }
         let train = &self.scene.train;
         // Paths carry light, not its roots.
-        let prior = if train.prior && train.method != Method::Belcour && gamma == 1.0 {
-            Some(self.prior(&self.scene.scenario, &fit, &tracer, &points, &dataset, reporter)?)
-        } else {
-            None
-        };
+        let told = train.prior && train.method != Method::Belcour && gamma == 1.0;
+        let (prior, contrast) = self.of_unbaked(told.then_some(&fit), &tracer, &points, &dataset, reporter)?;
+        let scope = fit_scope(&contrast, self.scene.bake.seed)?;
+        drop(contrast);
         let fit = match &prior {
             Some(prior) => fit.with_prior(&dataset, prior)?,
             None => fit,
@@ -207,9 +206,12 @@ impl Prepared {
             }
         };
         (basis.gamma, transfer.gamma) = (gamma, gamma);
+        // As files and GPUs have it.
+        let transfer = transfer.rounded();
         drop(raised);
         let negative = self.negative(&basis, &transfer, &dataset);
-        let (mut record, scope) = self.record(&tracer, &points, &dataset, &fit, &errors, negative)?;
+        let (scope, separation) = scope.unzip();
+        let mut record = self.record(&dataset, &fit, &errors, negative, separation.unwrap_or_default());
         if gamma == 1.0 {
             record.shortages = self.shortages(&tracer, place, (&fit, prior.as_ref(), &errors), (&dataset, &gram))?;
         }
@@ -219,21 +221,28 @@ impl Prepared {
         Ok(Trained { model, dataset, gram, fit, errors, paths, bake_seconds, train_seconds })
     }
 
-    /// What paths from the texels tell of the transfer of `fit`, trained on a dataset of `scenario`.
-    fn prior(
+    /// What lights that are not baked tell: the transfer of `fit`, if it is asked for, by paths from the texels, and what the
+    /// scenario's light looks like beside other light.
+    fn of_unbaked(
         &self,
-        scenario: &Scenario,
-        fit: &Fit,
+        fit: Option<&Fit>,
         tracer: &Tracer,
         points: &MeasurementPoints,
         dataset: &Dataset,
         reporter: &Reporter,
-    ) -> Result<Prior, Failure> {
-        let adjoint = Adjoint::new(tracer, &self.lightmap, points, self.bake_settings());
-        let mut sums = PriorSums::new(fit, dataset, &adjoint, reporter)?;
-        let unbaked = Unbaked { tracer, points, scenario, seed: self.scene.bake.seed };
-        unbaked.for_each(&mut |measured| sums.add(measured))?;
-        Ok(sums.finish()?)
+    ) -> Result<(Option<Prior>, Contrast), Failure> {
+        let adjoint = || Adjoint::new(tracer, &self.lightmap, points, self.bake_settings());
+        let mut sums = fit.map(|fit| PriorSums::new(fit, dataset, &adjoint(), reporter)).transpose()?;
+        let mut contrast = Contrast::new(dataset.held_out().map(|h| dataset.direct(h)).collect());
+        let own = if sums.is_some() { OF_SCENARIO } else { contrast::OWN };
+        let unbaked = Unbaked { tracer, points, scenario: &self.scene.scenario, seed: self.scene.bake.seed, own };
+        unbaked.for_each(&mut |measured| {
+            if let Some(sums) = &mut sums {
+                sums.add(measured);
+            }
+            contrast.add(measured);
+        })?;
+        Ok((sums.map(PriorSums::finish).transpose()?, contrast))
     }
 
     /// A local basis from the global `fit`.
@@ -270,24 +279,19 @@ impl Prepared {
         shares.iter().sum::<f64>() / shares.len().max(1) as f64
     }
 
-    /// How the model was trained and how good it is, and how it tells what light it was trained on.
+    /// How the model was trained and how good it is.
     fn record(
         &self,
-        tracer: &Tracer,
-        points: &MeasurementPoints,
         dataset: &Dataset,
         fit: &Fit,
         errors: &HeldOutErrors,
         negative: f64,
-    ) -> Result<(TrainingRecord, Option<Scope>), Failure> {
+        separation: Vec<Separation>,
+    ) -> TrainingRecord {
         let summary = errors.summary();
         let noise = &dataset.noise[dataset.held_out()];
         let noise = noise.iter().map(|&n| n as f64).sum::<f64>() / noise.len().max(1) as f64;
-        let seed = self.scene.bake.seed;
-        let held_out = dataset.held_out().map(|h| dataset.direct(h)).collect();
-        let contrast = Contrast::draw(tracer, points, &self.scene.scenario, held_out, seed)?;
-        let (scope, separation) = fit_scope(&contrast, seed)?.unzip();
-        let record = TrainingRecord {
+        TrainingRecord {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             scene: toml::to_string(&self.scene).expect("settings hold nothing that TOML cannot"),
             asset_hash: self.asset.hash(),
@@ -304,10 +308,9 @@ impl Prepared {
                 noise: noise.is_finite().then_some(noise),
                 negative,
             },
-            separation: separation.unwrap_or_default(),
+            separation,
             choices: self.choices.clone(),
             shortages: Vec::new(),
-        };
-        Ok((record, scope))
+        }
     }
 }

@@ -1,13 +1,10 @@
 //! Direct vectors of a scenario and of lights that it does not have: what tells at run time how far light is from what a model
-//! was trained on. They cost no bake.
+//! was trained on. They cost no bake ([`super::Unbaked`]).
 
-use super::Draw;
+use super::Measured;
 use crate::light::scenario::Sky;
-use crate::light::{EmissionFacets, Kind, KindWeights, LightTable, LightingCondition, Scenario, ScenarioError};
+use crate::light::{Kind, KindWeights, Scenario};
 use crate::math::Rgb;
-use crate::math::sampler::mix64;
-use crate::measure::MeasurementPoints;
-use crate::scene::Tracer;
 
 /// A direct vector: one colour per measurement point.
 pub type DirectVector = Vec<Rgb>;
@@ -23,7 +20,7 @@ pub struct Contrast {
 }
 
 /// Conditions of the scenario. With 512 for the fit the AUC is 0.5 to 1 % better than with 128.
-const OWN: usize = 640;
+pub const OWN: usize = 640;
 
 /// Conditions of a kind: fewer where one light casts many shadow rays.
 pub(super) fn conditions_of(kind: Kind) -> usize {
@@ -44,47 +41,26 @@ pub(super) fn foreign(scenario: &Scenario) -> impl Iterator<Item = (Kind, Scenar
     })
 }
 
-/// Conditions measured at once: every sub-point has a value for each.
-pub(super) const AT_ONCE: usize = 64;
-
-/// Separates these conditions' random numbers from those of the dataset.
-const STREAM: u64 = 0x636f_6e74_7261_7374;
-
 impl Contrast {
-    /// Draws and measures conditions of `scenario`, and of every kind of light that it does not have: drawn as it draws them
-    /// but for directional lights, which come from everywhere. Environments are left out, and so are kinds for which the
-    /// scenario leaves no room. `held_out` are the vectors to calibrate with.
-    ///
-    /// # Errors
-    /// When the scenario cannot be drawn from.
-    pub fn draw(
-        tracer: &Tracer,
-        points: &MeasurementPoints,
-        scenario: &Scenario,
-        held_out: Vec<DirectVector>,
-        seed: u64,
-    ) -> Result<Self, ScenarioError> {
-        let seed = mix64(seed ^ STREAM);
-        let emission = EmissionFacets::of(tracer.asset());
-        let measured = |conditions: &[LightingCondition]| {
-            let n = conditions.len();
-            let direct = points.direct_matrix(tracer, &LightTable::from_conditions(conditions, &emission));
-            let value = |row: &[f32], c: usize| Rgb::new(row[c], row[n + c], row[2 * n + c]);
-            (0..n).map(|c| direct.chunks_exact(3 * n).map(|row| value(row, c)).collect()).collect::<Vec<DirectVector>>()
+    /// With the vectors to calibrate with; others are to be added.
+    pub fn new(held_out: Vec<DirectVector>) -> Self {
+        Self { own: Vec::new(), held_out, others: Vec::new() }
+    }
+
+    /// Adds measured conditions, as far as they are needed.
+    pub fn add(&mut self, measured: &Measured) {
+        let n = measured.conditions;
+        let value = |row: &[f32], c: usize| Rgb::new(row[c], row[n + c], row[2 * n + c]);
+        let vector = |c: usize| measured.points.chunks_exact(3 * n).map(|row| value(row, c)).collect();
+        let Some(kind) = measured.foreign else {
+            self.own.extend((0..n.min(OWN - self.own.len())).map(vector));
+            return;
         };
-        let of = |scenario: &Scenario, count: usize| -> Result<Vec<DirectVector>, ScenarioError> {
-            let conditions = Draw { scenario, training: count, held_out: 0 }.conditions(tracer, seed)?;
-            Ok(conditions.chunks(AT_ONCE).flat_map(measured).collect())
-        };
-        let own = of(scenario, OWN)?;
-        let mut others = Vec::new();
-        for (kind, foreign) in foreign(scenario) {
-            match of(&foreign, conditions_of(kind)) {
-                Ok(vectors) => others.push((kind.name().to_owned(), vectors)),
-                Err(ScenarioError::NoRoom { .. } | ScenarioError::NothingEmits) => {}
-                Err(error) => return Err(error),
-            }
+        if self.others.last().is_none_or(|(name, _)| name != kind.name()) {
+            self.others.push((kind.name().to_owned(), Vec::new()));
         }
-        Ok(Self { own, held_out, others })
+        if let Some((_, vectors)) = self.others.last_mut() {
+            vectors.extend((0..n).map(vector));
+        }
     }
 }

@@ -23,7 +23,7 @@ pub use folder::Job;
 pub use manifest::{Identity, identity};
 pub use memory::Bytes;
 pub use rendered::{Export, Reading, Rendered};
-pub use unbaked::{Measured, Unbaked};
+pub use unbaked::{Measured, OF_SCENARIO, Unbaked};
 
 use crate::light::LightingCondition;
 use crate::math::Rgb;

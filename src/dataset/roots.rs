@@ -8,11 +8,7 @@ use crate::progress::Progress;
 
 impl Indirect {
     /// Hands all to `visit`, [`ROWS`] texels of `row` values at a time.
-    pub(super) fn for_each_rows(
-        &self,
-        row: usize,
-        visit: &mut Visit,
-    ) -> Result<(), DatasetError> {
+    pub(super) fn for_each_rows(&self, row: usize, visit: &mut Visit) -> Result<(), DatasetError> {
         match self {
             Indirect::Memory(values) => {
                 let mut blocks = values.chunks((ROWS * row).max(1)).enumerate();

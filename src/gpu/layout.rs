@@ -131,4 +131,5 @@ pub struct TransferShape {
     pub interleaved: u32,
     pub mean_scaled_by_norm: u32,
     pub inverse_gamma: f32,
+    pub scale: f32,
 }

@@ -54,10 +54,11 @@ impl Measurement {
             interleaved: (transfer.channels == Channels::Multi) as u32,
             mean_scaled_by_norm: transfer.mean_scaled_by_norm as u32,
             inverse_gamma: 1.0 / transfer.gamma,
+            scale: transfer.scale(),
         };
         let sub_point_buffer = gpu.storage("the sub-points", &sub_points)?;
         let neighbours = gpu.storage("the sub-points' neighbours", &points.neighbours)?;
-        let matrix = gpu.storage("the transfer matrix", &interleaved_matrix(transfer))?;
+        let matrix = gpu.storage("the transfer matrix", &packed_matrix(transfer))?;
         let shape = gpu.uniform("transfer shape", &shape);
         let exitance =
             gpu.written::<[f32; 4]>("the sub-points' light", PointTextures::texels(points.sub_points.len()))?;
@@ -130,12 +131,22 @@ impl Measurement {
     }
 }
 
-/// M as `[element][point][channel]`, which serves mono and multi alike: u is Σ M ⊙ x, summed over channels for multi.
-fn interleaved_matrix(transfer: &Transfer) -> Vec<f32> {
-    match transfer.channels {
-        Channels::Multi => transfer.matrices[0].clone(),
-        Channels::Mono => (0..transfer.elements * transfer.points)
-            .flat_map(|at| [transfer.matrices[0][at], transfer.matrices[1][at], transfer.matrices[2][at]])
-            .collect(),
-    }
+/// M over its scale, `[element][channel][pair of points]`, which serves mono and multi alike: u is Σ M ⊙ x, summed over channels for
+/// multi. Two halves a word; an odd last point has a zero beside it.
+fn packed_matrix(transfer: &Transfer) -> Vec<u32> {
+    let halves = transfer.halves();
+    let points = transfer.points;
+    let half = |element: usize, channel: usize, point: usize| -> u32 {
+        if point >= points {
+            return 0;
+        }
+        let value = match transfer.channels {
+            Channels::Mono => halves[channel][element * points + point],
+            Channels::Multi => halves[0][3 * (element * points + point) + channel],
+        };
+        value.to_bits() as u32
+    };
+    let rows = (0..transfer.elements).flat_map(|element| (0..3).map(move |channel| (element, channel)));
+    let words = rows.flat_map(|row| (0..points.div_ceil(2)).map(move |pair| (row, 2 * pair)));
+    words.map(|((e, c), point)| half(e, c, point) | half(e, c, point + 1) << 16).collect()
 }

@@ -6,39 +6,45 @@ use glam::Vec3;
 use super::{MeasurementPoint, points::distance_squared};
 
 /// Finds the nearest of some points.
-pub struct Nearest<'p> {
-    points: &'p [MeasurementPoint],
+pub struct Nearest {
     normal_scale: f32,
     /// A balanced tree: the middle of a range parts it along the axis of its depth, nearer ones before it.
-    order: Vec<u32>,
+    nodes: Vec<Node>,
 }
 
-impl<'p> Nearest<'p> {
+#[derive(Clone, Copy)]
+struct Node {
+    position: Vec3,
+    normal: Vec3,
+    index: u32,
+}
+
+impl Nearest {
     /// `normal_scale`: metres that a right angle between normals counts as.
-    pub fn new(points: &'p [MeasurementPoint], normal_scale: f32) -> Self {
-        let mut order: Vec<u32> = (0..points.len() as u32).collect();
-        sort(points, &mut order, 0);
-        Self { points, normal_scale, order }
+    pub fn new(points: &[MeasurementPoint], normal_scale: f32) -> Self {
+        let nodes = (0..).zip(points).map(|(index, p)| Node { position: p.position, normal: p.normal, index });
+        let mut nodes: Vec<Node> = nodes.collect();
+        sort(&mut nodes, 0);
+        Self { normal_scale, nodes }
     }
 
     /// The index of the point nearest to a place; none where there are no points.
     pub fn find(&self, position: Vec3, normal: Vec3) -> Option<usize> {
         let mut best = (f32::INFINITY, u32::MAX);
-        self.search(&self.order, 0, position, normal, &mut best);
+        self.search(&self.nodes, 0, position, normal, &mut best);
         (best.1 != u32::MAX).then_some(best.1 as usize)
     }
 
-    fn search(&self, range: &[u32], depth: usize, position: Vec3, normal: Vec3, best: &mut (f32, u32)) {
+    fn search(&self, range: &[Node], depth: usize, position: Vec3, normal: Vec3, best: &mut (f32, u32)) {
         let middle = range.len() / 2;
-        let Some(&index) = range.get(middle) else { return };
-        let point = &self.points[index as usize];
-        let d = distance_squared(position, normal, point, self.normal_scale);
+        let Some(node) = range.get(middle) else { return };
+        let d = distance_squared((position, normal), (node.position, node.normal), self.normal_scale);
         // Of equally near ones the first.
-        if d < best.0 || (d == best.0 && index < best.1) {
-            *best = (d, index);
+        if d < best.0 || (d == best.0 && node.index < best.1) {
+            *best = (d, node.index);
         }
         let axis = depth % 3;
-        let across = position[axis] - point.position[axis];
+        let across = position[axis] - node.position[axis];
         let (before, after) = (&range[..middle], &range[middle + 1..]);
         let (own, other) = if across < 0.0 { (before, after) } else { (after, before) };
         self.search(own, depth + 1, position, normal, best);
@@ -48,16 +54,16 @@ impl<'p> Nearest<'p> {
     }
 }
 
-fn sort(points: &[MeasurementPoint], range: &mut [u32], depth: usize) {
+fn sort(range: &mut [Node], depth: usize) {
     if range.len() < 2 {
         return;
     }
     let middle = range.len() / 2;
-    let along = |&i: &u32| points[i as usize].position[depth % 3];
-    range.select_nth_unstable_by(middle, |a, b| along(a).total_cmp(&along(b)).then(a.cmp(b)));
+    let along = |node: &Node| node.position[depth % 3];
+    range.select_nth_unstable_by(middle, |a, b| along(a).total_cmp(&along(b)).then(a.index.cmp(&b.index)));
     let (before, after) = range.split_at_mut(middle);
-    sort(points, before, depth + 1);
-    sort(points, &mut after[1..], depth + 1);
+    sort(before, depth + 1);
+    sort(&mut after[1..], depth + 1);
 }
 
 #[cfg(test)]
@@ -83,7 +89,8 @@ mod tests {
         for _ in 0..500 {
             let (position, normal) = (vector() * 1.5, vector().normalize());
             let plain = |scale: f32| {
-                let d = |i: &usize| distance_squared(position, normal, &points[*i], scale);
+                let d =
+                    |i: &usize| distance_squared((position, normal), (points[*i].position, points[*i].normal), scale);
                 (0..points.len()).min_by(|a, b| d(a).total_cmp(&d(b)))
             };
             assert_eq!(nearest.find(position, normal), plain(0.5));

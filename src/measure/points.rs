@@ -156,15 +156,16 @@ pub fn normal_scale(asset: &Asset) -> f32 {
     NORMAL_DISTANCE * asset.mesh.bounds().diagonal()
 }
 
-/// Square of the distance between a place and a point, by position and normal.
-pub(super) fn distance_squared(position: Vec3, normal: Vec3, point: &MeasurementPoint, normal_scale: f32) -> f32 {
-    let turn = (1.0 - normal.dot(point.normal)).max(0.0) * normal_scale;
-    position.distance_squared(point.position) + turn * turn
+/// Square of the distance between two places, each a position and a normal.
+pub(super) fn distance_squared(a: (Vec3, Vec3), b: (Vec3, Vec3), normal_scale: f32) -> f32 {
+    let turn = (1.0 - a.1.dot(b.1)).max(0.0) * normal_scale;
+    a.0.distance_squared(b.0) + turn * turn
 }
 
 /// The `count` sub-points nearest to `point`, by position and normal; ties by index.
 fn nearest(point: &MeasurementPoint, sub_points: &[MeasurementPoint], count: usize, normal_scale: f32) -> Vec<u32> {
-    let distance = |s: &MeasurementPoint| distance_squared(point.position, point.normal, s, normal_scale);
+    let distance =
+        |s: &MeasurementPoint| distance_squared((point.position, point.normal), (s.position, s.normal), normal_scale);
     let mut order: Vec<(f32, u32)> = sub_points.iter().enumerate().map(|(i, s)| (distance(s), i as u32)).collect();
     let by_distance = |a: &(f32, u32), b: &(f32, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
     if order.len() > count {

@@ -103,10 +103,11 @@ impl Model {
             basis_values(basis),
             tensor(
                 "transfer",
-                Dtype::F32,
+                Dtype::F16,
                 &[transfer.matrices.len(), transfer.elements, rows],
-                &transfer.matrices.concat(),
+                &transfer.halves().concat(),
             ),
+            tensor("transfer.scale", Dtype::F32, &[1], &[transfer.scale()]),
             tensor(
                 "points.neighbours",
                 Dtype::U32,
@@ -269,7 +270,9 @@ impl Reader<'_> {
         };
         // The transfer tells how many anchors there are.
         let expected = if basis.anchors.is_some() { Any } else { Is(basis.elements) };
-        let (shape, matrices) = self.read::<f32>("transfer", Dtype::F32, &[Is(groups), expected, Is(rows)])?;
+        let (shape, halves) = self.read::<f16>("transfer", Dtype::F16, &[Is(groups), expected, Is(rows)])?;
+        let (_, scale) = self.read::<f32>("transfer.scale", Dtype::F32, &[Is(1)])?;
+        let matrices: Vec<f32> = halves.iter().map(|m| m.to_f32() * scale[0]).collect();
         let elements = shape[1];
         if let Some(anchors) = &mut basis.anchors {
             anchors.count = elements / basis.elements;

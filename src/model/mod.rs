@@ -19,6 +19,8 @@ pub use record::{Choice, HeldOut, Separation, Shortage, TrainingRecord};
 pub use scope::{Reading, Scope};
 pub use view::{Shown, View, ViewError};
 
+use half::f16;
+
 use crate::math::Rgb;
 use crate::measure::MeasurementPoints;
 use crate::scene::Asset;
@@ -52,7 +54,8 @@ pub struct Transfer {
     pub elements: usize,
     /// P.
     pub points: usize,
-    /// Mono: three matrices (R, G, B) of `[element][point]`. Multi: one of `[element][3·point + channel]`.
+    /// Mono: three matrices (R, G, B) of `[element][point]`. Multi: one of `[element][3·point + channel]`. In files and on
+    /// GPUs they are half floats of a common [`Self::scale`].
     pub matrices: Vec<Vec<f32>>,
     /// Whether element 0 is the mean, whose coefficient is the norm of x (of the channel's x for mono) and whose matrix
     /// row is zero (the paper's baseline).
@@ -83,6 +86,25 @@ impl Transfer {
         }
         let roots: Vec<Rgb> = direct.iter().map(|x| x.max(Rgb::ZERO).powf(1.0 / self.gamma)).collect();
         self.of_vector(&roots)
+    }
+
+    /// The power of two that half floats of the matrices are multiplied with: not under their largest magnitude.
+    pub fn scale(&self) -> f32 {
+        let largest = self.matrices.iter().flatten().fold(f32::MIN_POSITIVE, |most, m| most.max(m.abs()));
+        largest.log2().ceil().min(127.0).exp2()
+    }
+
+    /// The matrices as half floats, over [`Self::scale`].
+    pub fn halves(&self) -> Vec<Vec<f16>> {
+        let scale = self.scale();
+        self.matrices.iter().map(|m| m.iter().map(|v| f16::from_f32(v / scale)).collect()).collect()
+    }
+
+    /// With matrices as they come back from half floats.
+    pub fn rounded(mut self) -> Self {
+        let scale = self.scale();
+        self.matrices.iter_mut().flatten().for_each(|v| *v = f16::from_f32(*v / scale).to_f32() * scale);
+        self
     }
 
     fn of_vector(&self, direct: &[Rgb]) -> Vec<Rgb> {

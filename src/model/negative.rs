@@ -56,7 +56,8 @@ mod tests {
     #[test]
     fn the_share_is_that_of_the_norm() {
         let values = [1.0, 9.0, 9.0, -0.5].map(f16::from_f32).to_vec();
-        let basis = Basis { size: 2, elements: 1, components: 1, values: Values::Half(values), anchors: None, gamma: 1.0 };
+        let basis =
+            Basis { size: 2, elements: 1, components: 1, values: Values::Half(values), anchors: None, gamma: 1.0 };
         let matrices = vec![vec![1.0]; 3];
         let transfer = Transfer {
             channels: Channels::Mono,

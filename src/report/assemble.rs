@@ -155,7 +155,8 @@ impl Inputs<'_> {
                 title: "Held-out lights, relit".into(),
                 note: format!(
                     "Path traced with {} paths a pixel. Error: difference over the mean of the reference, brightest at {}. FLIP: \
-                     difference of the whole picture as it is seen, from 0 to 1, low and high dynamic range.",
+                     difference of the whole picture as it is seen, from 0 to 1, low and high dynamic range; that of the reference's \
+                     halves tells how much of each is noise of the reference.",
                     self.reference_paths,
                     super::page::percent(super::views::FULL_SCALE as f64)
                 ),

@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::assemble::ReportError;
 use super::cost::Cost;
 use super::temporal::Measured;
-use crate::dataset::{Bytes, Dataset, Unbaked};
+use crate::dataset::{Bytes, Dataset, OF_SCENARIO, Unbaked};
 use crate::light::Scenario;
 use crate::model::{Basis, Channels, Transfer};
 use crate::progress::Progress;
@@ -64,7 +64,7 @@ impl PriorSource<'_> {
     ) -> Result<Prior, ReportError> {
         let adjoint = Adjoint::new(tracer, self.lightmap, points, self.bake);
         let mut sums = PriorSums::new(fit, dataset, &adjoint, progress)?;
-        let unbaked = Unbaked { tracer, points, scenario: self.scenario, seed: self.bake.seed };
+        let unbaked = Unbaked { tracer, points, scenario: self.scenario, seed: self.bake.seed, own: OF_SCENARIO };
         unbaked.for_each(&mut |measured| sums.add(measured))?;
         Ok(sums.finish()?)
     }

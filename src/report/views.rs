@@ -9,6 +9,7 @@ use super::pictures;
 use crate::light::{EmissionFacets, LightTable, LightingCondition};
 use crate::math::Rgb;
 use crate::math::colour::tone_map;
+use crate::math::sampler::mix64;
 use crate::model::render::render;
 use crate::model::{Basis, LightmapImage, Picture, Shown, Transfer, View};
 use crate::progress::Progress;
@@ -33,6 +34,7 @@ pub const FULL_SCALE: f32 = 0.5;
 pub struct ViewRow {
     /// Which held-out light.
     pub light: &'static str,
+    /// Of the row, or `reference_halves`: the two halves of the reference's paths against each other, which tells its noise.
     pub method: &'static str,
     pub flip_ldr: f64,
     pub flip_hdr: f64,
@@ -52,8 +54,9 @@ pub struct Shot<'i> {
     table: LightTable,
     emission: EmissionFacets,
     pub direct: Picture,
-    /// Indirect light, and all light.
+    /// Indirect light; the same from each half of the paths; and all light.
     pub reference: Picture,
+    halves: [Picture; 2],
     pub truth: Picture,
     exposure: f32,
 }
@@ -67,17 +70,24 @@ impl<'i> Shot<'i> {
         let view = View::new(inputs.model.asset.cameras[0].clone(), PICTURE.0, PICTURE.1);
         let emission = EmissionFacets::of(&inputs.model.asset);
         let table = LightTable::new(&condition.lights, &emission);
-        let settings = ReferenceSettings {
-            samples: inputs.reference_paths,
-            max_bounces: inputs.bake.max_bounces,
-            seed: inputs.bake.seed,
+        // In two halves, whose difference tells the noise.
+        let traced = |half: u64| -> Result<Picture, ReportError> {
+            let settings = ReferenceSettings {
+                samples: inputs.reference_paths.div_ceil(2),
+                max_bounces: inputs.bake.max_bounces,
+                seed: mix64(inputs.bake.seed ^ half),
+            };
+            Ok(Reference::trace(inputs.tracer, &view, &condition.lights, &settings, progress)?.indirect)
         };
-        let reference = Reference::trace(inputs.tracer, &view, &condition.lights, &settings, progress)?.indirect;
+        let halves = [traced(1)?, traced(2)?];
+        let mut reference = pictures::sum(&halves[0], &halves[1]);
+        reference.pixels.iter_mut().for_each(|p| *p *= 0.5);
         let direct = render(inputs.tracer, &view, &table, Shown::Direct, &|_| Rgb::ZERO)?;
         // The reference's direct light is noisy at shadow edges only; its sum with the indirect light sets the exposure.
         let truth = pictures::sum(&direct, &reference);
         let exposure = pictures::exposure_for(&truth);
-        Ok(Self { inputs, view, condition: condition.clone(), table, emission, direct, reference, truth, exposure })
+        let condition = condition.clone();
+        Ok(Self { inputs, view, condition, table, emission, direct, reference, halves, truth, exposure })
     }
 
     /// Indirect light that a lightmap gives.
@@ -121,14 +131,23 @@ impl<'i> Shot<'i> {
         pictures::error(indirect, &self.reference, &self.truth, FULL_SCALE, "error of the indirect light")
     }
 
+    /// Mean FLIP between the reference's halves: about twice what its noise adds to each [`Self::flip`].
+    fn flip_of_halves(&self) -> (f64, f64) {
+        let [a, b] = &self.halves;
+        self.flip_between(&pictures::sum(&self.direct, a), &pictures::sum(&self.direct, b))
+    }
+
     /// Mean FLIP of the whole picture in low and in high dynamic range.
     pub fn flip(&self, indirect: &Picture) -> (f64, f64) {
-        let whole = pictures::sum(&self.direct, indirect);
+        self.flip_between(&self.truth, &pictures::sum(&self.direct, indirect))
+    }
+
+    fn flip_between(&self, truth: &Picture, whole: &Picture) -> (f64, f64) {
         let shown = |p: &Picture| {
             let pixels = p.pixels.iter().map(|&c| tone_map(c * self.exposure).clamp(Vec3::ZERO, Vec3::ONE)).collect();
             Picture { pixels, ..*p }
         };
-        (flip::mean(&flip::ldr(&shown(&self.truth), &shown(&whole))), flip::mean(&flip::hdr(&self.truth, &whole)))
+        (flip::mean(&flip::ldr(&shown(truth), &shown(whole))), flip::mean(&flip::hdr(truth, whole)))
     }
 }
 
@@ -156,6 +175,9 @@ impl Inputs<'_> {
         for (share, name) in [(0.1, "one of the best tenth"), (0.5, "the median"), (0.9, "one of the worst tenth")] {
             let Some((condition, error)) = self.held_out_at(share) else { continue };
             let shot = Shot::take(self, condition, progress)?;
+            let (ldr, hdr) = shot.flip_of_halves();
+            views.push(ViewRow { light: name, method: "reference_halves", flip_ldr: ldr, flip_hdr: hdr });
+            let reference = format!("reference, path traced: its halves differ by FLIP {ldr:.3}, HDR {hdr:.3}");
             let mut seen = |method: &'static str, indirect: &Picture| {
                 let (ldr, hdr) = shot.flip(indirect);
                 views.push(ViewRow { light: name, method, flip_ldr: ldr, flip_hdr: hdr });
@@ -168,7 +190,7 @@ impl Inputs<'_> {
                 shot.picture(&shot.direct, "direct"),
                 shot.dim(&ours, format!("indirect, {n} {} (one stop up)", elements_word(self))),
                 shot.picture(&pictures::sum(&shot.direct, &ours), format!("sum: {flip_ours}")),
-                shot.picture(&shot.truth, "reference, path traced"),
+                shot.picture(&shot.truth, reference),
                 shot.error(&ours),
             ];
             let caption = format!("Belcour 2022, {elements} elements: {}", seen("belcour", &published));

@@ -57,7 +57,7 @@ impl Size {
         let of_anchors = if anchors > 0 { 8 } else { 0 };
         let basis = page * (elements * storage.channels.components() * storage.value + of_anchors);
         // R, G and B for mono, or one of three times the length.
-        let matrices = 3 * 4 * points * elements * anchors.max(1);
+        let matrices = 3 * 2 * points * elements * anchors.max(1);
         // Position, two normals and albedo; which sub-points each point averages.
         let of_points = 4 * 3 * 4 * (points + points * storage.sub_points) + 4 * points * storage.sub_points;
         (basis + matrices + of_points) as u64

@@ -81,13 +81,13 @@ pub fn bytes_needed(extent: &Extent) -> u64 {
             texels * components * terms * 4 + values + matrices + tile.max(normal).max(finished)
         }
     };
-    // The model's basis and the fit stay while its scope is found.
-    let scope = halves + 2 * 8 * vectors * terms + scope::bytes_needed(points);
+    // The fit stays while prior and scope are found.
     let prior = match (extent.sub_points, method) {
         (0, _) | (_, Method::Belcour) => 0,
-        (sub_points, _) => tile + 2 * 8 * vectors * terms + prior::bytes_needed(terms, sub_points as u64, points),
+        (sub_points, _) => tile + prior::bytes_needed(terms, sub_points as u64, points),
     };
-    // So do they while more points and fewer conditions are tried: D at four times the points as floats and in ridges, and a fit
+    let prior = 2 * 8 * vectors * terms + prior + scope::bytes_needed(points);
+    // So do it and the model's basis while more points and fewer conditions are tried: D at four times the points as floats and in ridges, and a fit
     // on half of the conditions.
     let (tried, rank) = (4 * points, (4 * points).min(training));
     let direct = 4 * 3 * tried * 2 * extent.conditions as u64 + 3 * 8 * (2 * tried * training + 4 * rank * rank);
@@ -96,7 +96,7 @@ pub fn bytes_needed(extent: &Extent) -> u64 {
         _ => halves + 2 * 8 * terms * (2 * vectors + 3 * extent.conditions as u64) + direct.max(fit / 4),
     };
     let kept = if extent.raised { 2 * gram } else { gram };
-    kept + making.max(fit).max(basis).max(scope).max(prior).max(trial).max(gamma::bytes_needed(extent))
+    kept + making.max(fit).max(basis).max(prior).max(trial).max(gamma::bytes_needed(extent))
 }
 
 #[derive(Debug, thiserror::Error)]

@@ -132,7 +132,7 @@ impl PriorSums {
         }
         leverages.sort_by(f64::total_cmp);
         let most = MOST_LEVERAGE * leverages[leverages.len() / 2];
-        let share = if measured.own { 1.0 } else { FOREIGN };
+        let share = if measured.foreign.is_none() { 1.0 } else { FOREIGN };
         let each = (share / measured.of_kind as f64).sqrt();
         let weight = |&(x, c): &(f64, f64)| if x > 0.0 && c > 0.0 { each * (1.0 / c).min(most / x) } else { 0.0 };
         let weights: Vec<f64> = norms.iter().map(weight).collect();

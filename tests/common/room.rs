@@ -195,7 +195,7 @@ pub fn model_of(
         asset,
         points,
         basis: Basis { size, elements, components, values: Values::Half(values), anchors: None, gamma: 1.0 },
-        transfer: Transfer { channels, elements, points: count, matrices, mean_scaled_by_norm, gamma: 1.0 },
+        transfer: Transfer { channels, elements, points: count, matrices, mean_scaled_by_norm, gamma: 1.0 }.rounded(),
         scope: Some(Scope {
             kinds: vec!["point".into(), "sky".into()],
             points: count,
@@ -254,7 +254,8 @@ pub fn local(mut model: Model, channels_a_texel: usize) -> Model {
         })
         .collect();
     let anchors = Some(Anchors { count: ANCHORS, indices, shares });
-    model.basis = Basis { size, elements: channels_a_texel, components, values: Values::Byte(codes), anchors, gamma: 1.0 };
+    model.basis =
+        Basis { size, elements: channels_a_texel, components, values: Values::Byte(codes), anchors, gamma: 1.0 };
     model
 }
 
