@@ -253,7 +253,8 @@ fn a_model_tells_lights_that_it_was_not_trained_on() {
 /// Four elements are soon as good as they get.
 fn conditions_are_added_until_more_gain_little() {
     let work = Work::new();
-    let toy = "train --size 16 --held-out 16 --paths 16 --points 64 --method linear --channels multi --basis 4";
+    let toy =
+        "train --size 16 --held-out 16 --paths 16 --points 64 --method linear --channels multi --basis 4 --gamma 1";
     let said = work.succeeds(&format!("{toy} --conditions auto -o auto.relight --json auto.json"), &[]);
     let figures = work.json("auto.json");
     let choice = &figures["choices"][0];
@@ -389,9 +390,9 @@ fn compare_writes_its_report() {
         assert!(number(&row["mean"]) > 0.0 && number(&row["mean"]) < 100.0, "{row}");
     }
     assert_eq!(methods, ["belcour", "linear", "local", "sh_prt_texel", "sh_prt_vertex"].into());
-    // Four methods under three lights.
+    // Four methods and the reference's halves under three lights.
     let views = comparison["views"].as_array().unwrap();
-    assert_eq!(views.len(), 12);
+    assert_eq!(views.len(), 15);
     for view in views {
         has_keys(view, &["light", "method", "flip_ldr", "flip_hdr"]);
         assert!(
@@ -548,6 +549,8 @@ fn bad_settings_are_said_in_one_line() {
     refused("--max-error 5", "train.max_error = 5 must be above 0 and below 1: it is a fraction, 0.05 is 5 %");
     refused("--max-error 0", "train.max_error = 0 must be above 0");
     refused("--max-error 0.1 --method belcour", "`belcour` is kept as published");
+    refused("--gamma 9", "train.gamma = 9 must be from 0.2 to 5");
+    refused("--gamma 2.2 --max-bytes 1MiB", "choose sizes in linear light");
     refused("--lambda NaN", "train.lambda = NaN must be finite");
     refused("--lambda=-1", "train.lambda = -1 must be finite and not negative");
     // Without a prior, whose sums would be refused first.

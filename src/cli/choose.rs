@@ -44,19 +44,28 @@ impl Prepared {
         let train = &self.scene.train;
         let (sized, raised) = (train.budget().is_given(), train.gamma.is_none() && train.method != Method::Belcour);
         if sized || raised {
-            let bake = || -> Result<Ready, Failure> { self.ready(&Tracer::new(&self.asset), place, reporter) };
+            let bake = || -> Result<Ready, Failure> {
+                place.check_training(&self.scene, self.lightmap.texels.len())?;
+                self.ready(&Tracer::new(&self.asset), place, reporter)
+            };
             let from = ready.map_or_else(bake, Ok)?;
             // Sizes are chosen by errors in linear light.
-            ready = Some(if sized { self.size(from, place, held, reporter)? } else { self.space(from, reporter)? });
+            ready =
+                Some(if sized { self.size(from, place, held, reporter)? } else { self.space(from, place, reporter)? });
         }
         Ok(ready)
     }
 
     /// Takes the γ that a trial tells to be better.
-    fn space(&mut self, ready: Ready, reporter: &Reporter) -> Result<Ready, Failure> {
+    fn space(&mut self, ready: Ready, place: &Place, reporter: &Reporter) -> Result<Ready, Failure> {
         let contest = Contest::of(&ready.dataset, self.scene.train.channels, reporter)?;
-        let gamma = if contest.is_some_and(|c| c.gamma_wins) { GAMMA } else { 1.0 };
+        let mut gamma = if contest.is_some_and(|c| c.gamma_wins) { GAMMA } else { 1.0 };
         self.scene.train.gamma = Some(gamma);
+        if gamma != 1.0 && place.check_training(&self.scene, self.lightmap.texels.len()).is_err() {
+            reporter.note(&format!("gamma {GAMMA} would be better, but --memory has no room for its fit"));
+            gamma = 1.0;
+            self.scene.train.gamma = Some(gamma);
+        }
         if let Some(Contest { linear, gamma: raised, .. }) = contest {
             let (linear, raised) = (100.0 * linear, 100.0 * raised);
             let why = format!("on trial an error of {linear:.1} % in linear light, {raised:.1} % with gamma {GAMMA}");

@@ -146,6 +146,7 @@ impl Prepared {
 
     /// Chooses what is to be chosen, bakes and trains.
     pub fn choose_and_train(&mut self, place: &Place, held: Held, reporter: &Reporter) -> Result<Trained, Failure> {
+        self.check_counts()?;
         let ready = self.choose(place, held, reporter)?;
         self.train_from(ready, place, reporter)
     }
@@ -155,12 +156,20 @@ impl Prepared {
         self.train_from(None, place, reporter)
     }
 
-    fn train_from(&self, ready: Option<Ready>, place: &Place, reporter: &Reporter) -> Result<Trained, Failure> {
+    /// Refuses more elements than conditions before anything is baked.
+    fn check_counts(&self) -> Result<(), Failure> {
         let (all, elements) = (self.scene.bake.conditions.first(), self.scene.train.elements());
         if all < elements {
             return Err(TransferError::TooFewConditions { kept: all, all, elements }.into());
         }
-        place.check_training(&self.scene, self.lightmap.texels.len())?;
+        Ok(())
+    }
+
+    fn train_from(&self, ready: Option<Ready>, place: &Place, reporter: &Reporter) -> Result<Trained, Failure> {
+        if ready.is_none() {
+            self.check_counts()?;
+            place.check_training(&self.scene, self.lightmap.texels.len())?;
+        }
         let tracer = Tracer::new(&self.asset);
         let ready = ready.map_or_else(|| self.ready(&tracer, place, reporter), Ok)?;
         let Ready { points, dataset, gram, bake_seconds } = ready;

@@ -86,7 +86,8 @@ pub fn bytes_needed(extent: &Extent) -> u64 {
         (0, _) | (_, Method::Belcour) => 0,
         (sub_points, _) => tile + prior::bytes_needed(terms, sub_points as u64, points),
     };
-    let prior = 2 * 8 * vectors * terms + prior + scope::bytes_needed(points);
+    let vectors_of_scope = scope::vector_bytes(points);
+    let prior = 2 * 8 * vectors * terms + (prior + vectors_of_scope).max(scope::bytes_needed(points));
     // So do it and the model's basis while more points and fewer conditions are tried: D at four times the points as floats and in ridges, and a fit
     // on half of the conditions.
     let (tried, rank) = (4 * points, (4 * points).min(training));

@@ -32,11 +32,19 @@ const STEPS: usize = 20;
 /// Share of the held-out lights that reads more than one half.
 const FALSE_ALARMS: f64 = 0.05;
 
-/// Bytes that a fit takes at most beside what it is given: the components' Gram matrix with its eigenvectors, their copies and
-/// the solver's own, and the vectors with their features.
+/// Vectors of all kinds together, about.
+const VECTORS: u64 = 4_000;
+
+/// Bytes of the vectors that a fit is given.
+pub(super) fn vector_bytes(points: u64) -> u64 {
+    VECTORS * points * 12
+}
+
+/// Bytes that a fit takes at most: what it is given, the components' Gram matrix with its eigenvectors, their copies and the
+/// solver's own, and the vectors' features.
 pub(super) fn bytes_needed(points: u64) -> u64 {
-    let (samples, vectors) = (SAMPLED as u64, 4_000);
-    5 * 8 * samples * samples + vectors * (points * (12 + 8) + 8 * (COMPONENTS as u64 + 1))
+    let samples = SAMPLED as u64;
+    vector_bytes(points) + 5 * 8 * samples * samples + VECTORS * (points * 8 + 8 * (COMPONENTS as u64 + 1))
 }
 
 /// Fits a scope. `None` where there is nothing to tell apart.
