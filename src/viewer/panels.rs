@@ -26,12 +26,17 @@ const HELP: &[(&str, &str)] = &[
     ("B", "basis elements"),
     ("T", "timings"),
     ("H", "handles"),
-    ("Space", "the selected light goes around"),
+    ("Space", "play the light path; without one the selected light goes around"),
+    ("K", "keyframe: the path has the lights as they are at its present time"),
     ("[ ]", "exposure"),
     ("F", "back to the first view"),
     ("Ctrl+S", "save the picture, .png and .exr"),
     ("Ctrl+L", "save the lights, .toml"),
-    ("drop a file", "environment map (.hdr, .exr) or lights (.toml)"),
+    ("Ctrl+P", "save the light path, .path.toml"),
+    (
+        "drop a file",
+        "environment map (.hdr, .exr; in the place of a selected one), lights or a light path (.toml, .json)",
+    ),
     ("Ctrl+Q", "quit"),
 ];
 
@@ -50,6 +55,9 @@ impl App<'_> {
         }
         if command(Key::L) {
             self.save_lights();
+        }
+        if command(Key::P) {
+            self.save_path();
         }
         if command(Key::Q) {
             ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
@@ -75,9 +83,14 @@ impl App<'_> {
             (Key::B, &mut self.show_basis),
             (Key::T, &mut self.show_timings),
             (Key::H, &mut self.show_handles),
-            (Key::Space, &mut self.playing),
         ] {
             *flag ^= pressed(key);
+        }
+        if pressed(Key::Space) {
+            self.toggle_playing();
+        }
+        if pressed(Key::K) {
+            self.set_key();
         }
         for (key, factor) in [(Key::OpenBracket, 0.8), (Key::CloseBracket, 1.25)] {
             if pressed(key) {
@@ -116,14 +129,14 @@ impl App<'_> {
             && let Some(position) = light.position_mut()
         {
             *position += by * step;
-            self.relight();
+            self.edited();
         }
     }
 
     fn remove(&mut self, index: usize) {
         self.lights.remove(index);
         self.selected = self.lights.len().checked_sub(1).map(|last| index.min(last));
-        self.relight();
+        self.edited();
     }
 
     fn set_split(&mut self, what: Option<What>) {
@@ -204,7 +217,7 @@ impl App<'_> {
                     let light = self.new_light(kind);
                     self.lights.push(light);
                     self.selected = Some(self.lights.len() - 1);
-                    self.relight();
+                    self.edited();
                     ui.close();
                 }
             }
@@ -230,14 +243,15 @@ impl App<'_> {
             changed = edit(ui, light, extent);
         }
         if changed {
-            self.relight();
+            self.edited();
         }
         ui.separator();
-        ui.checkbox(&mut self.playing, "goes around (Space)");
         ui.checkbox(&mut self.show_handles, "handles (H)");
         if ui.button("save lights (Ctrl+L)").clicked() {
             self.save_lights();
         }
+        ui.separator();
+        self.path_panel(ui);
     }
 
     /// A light of this kind where the camera looks, about as bright as daylight indoors.
