@@ -45,6 +45,10 @@ pub struct App<'a> {
     pub(super) show_timings: bool,
     pub(super) show_basis: bool,
     pub(super) help: bool,
+    /// Where windows open.
+    pub(super) corner: Pos2,
+    /// What had the keys a frame ago.
+    pub(super) focused: Option<egui::Id>,
     /// The element that the basis window shows, and its picture.
     pub(super) element: usize,
     pub(super) element_texture: Option<(usize, usize, egui::TextureHandle)>,
@@ -106,6 +110,8 @@ impl<'a> App<'a> {
             show_timings: false,
             show_basis: false,
             help: false,
+            corner: Pos2::ZERO,
+            focused: None,
             element: 0,
             element_texture: None,
             player,

@@ -45,6 +45,7 @@ const KINDS: [Kind; 8] =
 
 impl App<'_> {
     pub(super) fn keys(&mut self, ui: &Ui) {
+        self.free_keys(ui.ctx());
         if ui.ctx().egui_wants_keyboard_input() {
             return;
         }
@@ -112,6 +113,21 @@ impl App<'_> {
         self.nudge(ui);
     }
 
+    /// Keys are the scene's, but for those of a number that is being typed: a button or slider does not keep them once it was
+    /// clicked. A number becomes a text only in the frame after the click.
+    fn free_keys(&mut self, context: &egui::Context) {
+        let focused = context.memory(|memory| memory.focused());
+        if let Some(id) = focused
+            && !context.text_edit_focused()
+        {
+            if self.focused == focused {
+                context.memory_mut(|memory| memory.surrender_focus(id));
+            }
+            context.request_repaint();
+        }
+        self.focused = focused;
+    }
+
     /// Keys move the selected light by a fiftieth of the asset's extent.
     fn nudge(&mut self, ui: &Ui) {
         let step = 0.02 * self.extent();
@@ -170,16 +186,19 @@ impl App<'_> {
         Panel::left("lights").default_size(230.0).show(ui, |ui| {
             ScrollArea::vertical().show(ui, |ui| self.lights_panel(ui));
         });
-        Panel::right("view").default_size(220.0).show(ui, |ui| {
+        Panel::right("view").default_size(250.0).show(ui, |ui| {
             ScrollArea::vertical().show(ui, |ui| self.view_panel(ui));
         });
+        // Windows open over the scene, not over the panels.
+        self.corner = ui.available_rect_before_wrap().min + egui::vec2(8.0, 8.0);
         if self.show_timings {
             Panel::bottom("timings").default_size(170.0).resizable(true).show(ui, |ui| self.timings(ui));
         }
         let context = ui.ctx().clone();
         self.basis_window(&context);
         let mut help = self.help;
-        egui::Window::new("Help").open(&mut help).show(&context, |ui| {
+        let corner = self.corner;
+        egui::Window::new("Help").open(&mut help).default_pos(corner).show(&context, |ui| {
             egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
                 for (key, does) in HELP {
                     ui.label(RichText::new(*key).strong());
@@ -424,7 +443,7 @@ impl App<'_> {
             ("resolve", |p| p.resolve),
         ];
         Plot::new("timings")
-            .legend(Legend::default())
+            .legend(Legend::default().position(egui_plot::Corner::LeftTop))
             .x_axis_label("frame")
             .y_axis_label("milliseconds")
             .include_y(0.0)
@@ -447,7 +466,8 @@ impl App<'_> {
             let texture = context.load_texture("basis", image, egui::TextureOptions::NEAREST);
             self.element_texture = Some((index, element, texture));
         }
-        egui::Window::new("Basis").open(&mut open).default_width(300.0).show(context, |ui| {
+        let window = egui::Window::new("Basis").open(&mut open).default_pos(self.corner).default_width(300.0);
+        window.show(context, |ui| {
             let what = if basis.anchors.is_some() { "channel" } else { "element" };
             ui.add(
                 Slider::new(&mut element, 0..=basis.elements - 1)
