@@ -529,7 +529,7 @@ fn bad_assets_are_said_in_one_line() {
         use std::os::unix::ffi::OsStrExt;
         let path = work.0.path().join(std::ffi::OsStr::from_bytes(b"\xff.glb"));
         std::fs::write(&path, corner_glb()).unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
+        let mut command = assert_cmd::Command::new(env!("CARGO_BIN_EXE_relight"));
         let output = command.current_dir(work.0.path()).arg("train").arg(&path).output().unwrap();
         let stderr = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{stderr}");

@@ -7,11 +7,12 @@ use eframe::egui::{self, CentralPanel, Frame, Key, PointerButton, Pos2, Rect, Se
 use eframe::egui_wgpu::RenderState;
 use glam::{Vec2, Vec3};
 
+use super::display::{Look, What};
 use super::handles::{Eyepiece, Handle};
 use super::pace::{Grain, Pace};
 use super::player::Player;
 use super::reference::Reference;
-use super::screen::{Look, Screen, Side, What};
+use super::screen::{Screen, Side};
 use super::{Opening, control};
 use crate::gpu::GpuError;
 use crate::light::{EnvironmentImages, Light};

@@ -5,6 +5,7 @@
 
 mod app;
 pub mod control;
+pub mod display;
 mod dropped;
 pub mod handles;
 pub mod pace;

@@ -6,7 +6,8 @@ use glam::Vec3;
 
 use super::app::App;
 use super::control;
-use super::screen::{Side, What};
+use super::display::What;
+use super::screen::Side;
 use crate::light::{Kind, Light, Sky};
 use crate::model::Shown;
 
@@ -21,7 +22,7 @@ const HELP: &[(&str, &str)] = &[
     ("Delete", "remove the selected light"),
     ("1 2 3", "all light, direct, indirect"),
     ("X", "split: a second method, size, the reference or the difference"),
-    ("R", "path traced reference on the right"),
+    ("R, C", "path traced reference on the right, or the difference from it"),
     ("P", "measurement points and their values"),
     ("B", "basis elements"),
     ("T", "timings"),
@@ -75,9 +76,11 @@ impl App<'_> {
         if pressed(Key::X) {
             self.set_split(if self.sides[1].is_some() { None } else { Some(What::Picture) });
         }
-        if pressed(Key::R) {
-            let has = self.sides[1].is_some_and(|side| side.what == What::Reference);
-            self.set_split(if has { None } else { Some(What::Reference) });
+        for (key, what) in [(Key::R, What::Reference), (Key::C, What::Difference)] {
+            if pressed(key) {
+                let has = self.sides[1].is_some_and(|side| side.what == what);
+                self.set_split(if has { None } else { Some(what) });
+            }
         }
         for (key, flag) in [
             (Key::P, &mut self.show_points),
