@@ -165,8 +165,8 @@ fn what_is_saved_is_what_render_renders() {
     });
     // The light goes around; its path is one that `render` renders.
     window.press("space");
-    window.press("ctrl+p");
     let path = until("the path", || {
+        window.press("ctrl+p");
         (number..20).find_map(|i| saved(&format!("shot-{i:03}.path.toml")).map(|()| format!("shot-{i:03}.path.toml")))
     });
     window.quit();

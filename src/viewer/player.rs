@@ -81,12 +81,13 @@ impl Player {
         let Some(path) = &mut self.path else {
             self.path = Some(LightPath::still(lights, DURATION));
             self.seconds = 0.0;
-            return "the path begins here; go to another time, move lights, and press K again".into();
+            return "the path begins so; go to another time, move lights, and press K again".into();
         };
         let before = path.times().len();
         path.set_key(self.seconds, lights);
         match path.times().len() {
-            0 if before > 0 => "lights were added or removed: the path begins anew from here".into(),
+            0 if before > 0 => "lights were added or removed: the path begins anew".into(),
+            0 => "the path begins so; go to another time, move lights, and press K again".into(),
             count => format!("keyframe at {:.2} s; {count} in all", self.seconds),
         }
     }

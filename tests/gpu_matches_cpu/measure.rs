@@ -187,5 +187,20 @@ pub fn many_lights() {
         // 40 additions.
         assert!((*a - *b).abs().max_element() <= 41.0 * EPSILON * a.max_element(), "{a} {b}");
     }
+    // Two environments shine together, as do they and a lamp.
+    let map = |blue: f32| EnvironmentMap::new(8, 4, (0..32).map(|i| Vec3::new(1.0, 0.1 * i as f32, blue)).collect());
+    let environment = |blue: f32, rotation: f32| {
+        let image = EnvironmentImage::from_map(&format!("{blue}"), map(blue));
+        Light::Environment { image, rotation, color: Vec3::ONE, intensity: 1.0 }
+    };
+    let lights = [environment(0.2, 0.0), environment(3.0, 2.0), room::lights()[0].clone()];
+    let together = runtime.sub_point_exitance(&lights).unwrap();
+    let alone = lights.map(|light| runtime.sub_point_exitance(&[light]).unwrap());
+    for (s, all) in together.iter().enumerate() {
+        let sum: Rgb = alone.iter().map(|one| one[s]).sum();
+        // 129 additions.
+        assert!((*all - sum).abs().max_element() <= 130.0 * EPSILON * sum.max_element(), "{all} {sum}");
+        assert!(sum.max_element() == 0.0 || alone[0][s] != *all, "one of three goes unnoticed");
+    }
     assert_eq!(runtime.sub_point_exitance(&[]).unwrap(), vec![Vec3::ZERO; one.len()]);
 }
