@@ -398,7 +398,7 @@ fn numpy_makes_the_picture_of_the_exported_files(python: &Path) {
         let ours = exr::prelude::read_first_rgba_layer_from_file(
             folder.path().join("a.exr"),
             |size, _| vec![Rgb::ZERO; size.area()],
-            |pixels, at, (r, g, b, _): (f32, f32, f32, f32)| pixels[at.y() * size[0] + at.x()] = Rgb::new(r, g, b),
+            move |pixels, at, (r, g, b, _): (f32, f32, f32, f32)| pixels[at.y() * size[0] + at.x()] = Rgb::new(r, g, b),
         );
         let ours = ours.unwrap().layer_data.channel_data.pixels;
         let numpys = |intensity: f64| -> Vec<Rgb> {
