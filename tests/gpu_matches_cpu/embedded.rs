@@ -9,7 +9,7 @@ use relight::math::Rgb;
 use relight::model::{Channels, LightmapImage, Model, Values};
 use relight::scene::Tracer;
 
-use crate::transfer::bases;
+use crate::transfer::{bases, power_rounding};
 use crate::{EPSILON, host, room};
 
 /// Places all over the page, on its borders and beyond the middle of the border's texels.
@@ -35,7 +35,8 @@ pub fn lookup_misses(model: &Model, lookup: Lookup, direct: &[Rgb], places: &[Ve
     let value = (0..model.basis.values.len()).map(|i| model.basis.values.get(i).abs()).fold(0.0, f32::max);
     let magnitude = model.basis.elements as f32 * largest * value;
     let terms = model.transfer.matrices[0].len() / model.transfer.elements + 4 * model.basis.elements + 48;
-    let rounding = terms as f32 * EPSILON * magnitude;
+    let (gamma, power) = (model.basis.gamma, power_rounding(model.basis.gamma));
+    let rounding = (terms as f32 + power) * EPSILON * magnitude;
     let filtered = lookup == Lookup::Fragment && model.basis.anchors.is_none();
     let span = values_span(&image);
     let misses = places.iter().zip(gpu).filter(|(place, gpu)| {
@@ -43,8 +44,13 @@ pub fn lookup_misses(model: &Model, lookup: Lookup, direct: &[Rgb], places: &[Ve
         let steps = if filtered { 2.0 / 512.0 * span_around(&image, **place) * 1.01 } else { 0.0 };
         // Between texels the place itself is rounded.
         let placed = 4.0 * EPSILON * image.size as f32 * span_around(&image, **place);
-        let difference = (**gpu - want).abs().max_element();
-        difference.is_nan() || difference > rounding + placed + steps
+        let off = rounding + placed + steps;
+        // What is off in the root is off by its slope in the light.
+        let slope = match gamma {
+            1.0 => Vec3::ONE,
+            _ => (want.powf(1.0 / gamma) + off).powf(gamma - 1.0) * gamma,
+        };
+        !(**gpu - want).abs().cmple(slope * off + power * EPSILON * want).all()
     });
     (misses.count(), span)
 }
@@ -74,6 +80,8 @@ pub fn embedded_models() -> Vec<Model> {
     let values = &bytes.basis.values;
     bytes.basis.values = Values::Byte((0..values.len()).map(|i| (values.get(i) * 90.0) as i8).collect());
     models.push(bytes);
+    models.push(room::raised(room::model(Channels::Multi, 5, false)));
+    models.push(room::raised(room::local_model(Channels::Mono, 5)));
     models
 }
 

@@ -85,7 +85,7 @@ pub fn scene(file: &std::path::Path) {
 }
 
 /// What each method stores, in each way that it can: a global basis mono (`linear`), with a mean (`belcour`) and multi; a local
-/// one in bytes and in half floats, mono and multi.
+/// one in bytes and in half floats, mono and multi; and roots of light.
 fn every_kind(global: Model) -> Vec<Model> {
     let (asset, points, size) = (global.asset.clone(), global.points.clone(), global.basis.size);
     let of = |channels, elements, mean| room::model_of(asset.clone(), points.clone(), size, channels, elements, mean);
@@ -103,6 +103,8 @@ fn every_kind(global: Model) -> Vec<Model> {
         local(Channels::Multi),
         halves(local(Channels::Mono)),
         halves(local(Channels::Multi)),
+        room::raised(of(Channels::Mono, 16, false)),
+        room::raised(local(Channels::Mono)),
         global,
     ]
 }

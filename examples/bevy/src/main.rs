@@ -46,6 +46,10 @@ fn main() {
         eprintln!("error: {error}");
         std::process::exit(2);
     });
+    if model.transfer.gamma != 1.0 {
+        eprintln!("error: {path}: its lightmap holds roots of light, which Bevy's cannot; train with --gamma 1");
+        std::process::exit(2);
+    }
     let mut app = App::new();
     app.add_plugins(DefaultPlugins)
         .insert_resource(Trained(Arc::new(model)))
