@@ -91,10 +91,10 @@ fn an_animation_has_the_same_frames() {
     let work = Work::with_model();
     work.put("lamp.toml", LAMP);
     let render = "render model.relight --cpu --size 24x16 --path lamp.toml";
-    work.succeeds(&format!("{render} --frames 6 -o a.png --json a.json"), &[]);
+    work.succeeds(&format!("{render} --frames 6 -o new/a.png --json a.json"), &[]);
     let exposure = work.json("a.json")["exposure"].as_f64().unwrap();
     work.succeeds(&format!("{render} --frames 6 --exposure {exposure} -o frames"), &[]);
-    let (all, shown) = frames(&std::fs::read(work.path("a.png")).unwrap());
+    let (all, shown) = frames(&std::fs::read(work.path("new/a.png")).unwrap());
     assert_eq!((all.len(), shown), (6, 1.0 / 3.0));
     for (i, frame) in all.iter().enumerate() {
         assert_eq!(*frame, picture(&work, &format!("frames/{i:04}.png")), "frame {i}");

@@ -143,6 +143,9 @@ impl Stage {
         match target {
             Target::Animation(file) => {
                 self.animation.map_or(Ok(()), Animation::finish)?;
+                if let Some(folder) = file.parent() {
+                    std::fs::create_dir_all(folder)?;
+                }
                 std::fs::rename(self.folder.path().join(Self::ANIMATION), file)
             }
             Target::Frames { folder, before, digits, after } => {

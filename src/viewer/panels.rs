@@ -50,7 +50,14 @@ impl App<'_> {
         if ui.ctx().egui_wants_keyboard_input() {
             return;
         }
-        let pressed = |key: Key| ui.input(|i| i.key_pressed(key) && i.modifiers.is_none());
+        // By what was held when the key was pressed, not when the frame ends.
+        let pressed = |key: Key| {
+            let plain = |event: &egui::Event| match event {
+                egui::Event::Key { key: of, pressed: true, modifiers, .. } => *of == key && modifiers.is_none(),
+                _ => false,
+            };
+            ui.input(|i| i.events.iter().any(plain))
+        };
         let command = |key: Key| ui.input_mut(|i| i.consume_key(Modifiers::COMMAND, key));
         if command(Key::S) {
             self.save_picture();

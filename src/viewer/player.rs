@@ -1,8 +1,6 @@
 //! The light path that the window plays: read from a file, made of keyframes set in the window, or the selected light going
 //! around.
 
-use std::path::Path;
-
 use eframe::egui::{DragValue, Slider, Ui};
 use glam::Vec3;
 
@@ -104,14 +102,10 @@ impl Player {
         *self = Self::default();
     }
 
-    /// Writes the path, also that of a light which goes around.
-    fn save(&self, file: &Path) -> Result<(), String> {
-        let path = self
-            .path
-            .as_ref()
-            .filter(|path| path.moves())
-            .ok_or("nothing moves yet: press Space, or set keyframes with K")?;
-        write_whole(file, path.to_toml()?.as_bytes()).map_err(|e| format!("{}: {e}", file.display()))
+    /// The path as a file's text, also that of a light which goes around.
+    fn to_toml(&self) -> Result<String, String> {
+        let path = self.path.as_ref().filter(|path| path.moves());
+        path.ok_or("nothing moves yet: press Space, or set keyframes with K")?.to_toml()
     }
 }
 
@@ -137,8 +131,11 @@ impl App<'_> {
 
     /// Saves the path, for `relight render --path` and for this window.
     pub(super) fn save_path(&mut self) {
-        let file = self.next_file("path.toml");
-        let said = self.player.save(&file).map(|()| format!("wrote {}", file.display()));
+        let said = self.player.to_toml().and_then(|text| {
+            let file = self.next_file("path.toml");
+            write_whole(&file, text.as_bytes()).map_err(|e| format!("{}: {e}", file.display()))?;
+            Ok(format!("wrote {}", file.display()))
+        });
         self.say(said);
     }
 
@@ -228,10 +225,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.path.toml");
         let mut player = Player::default();
-        assert!(player.save(&file).unwrap_err().contains("nothing moves"));
+        assert!(player.to_toml().unwrap_err().contains("nothing moves"));
         player.key(&[point(0.0)]);
         assert!(player.seek(4.0).unwrap() == [point(0.0)] && player.key(&[point(2.0)]).contains("2 in all"));
-        player.save(&file).unwrap();
+        std::fs::write(&file, player.to_toml().unwrap()).unwrap();
         let mut read = Player::default();
         read.open(LightPath::read(&file, &mut Default::default()).unwrap());
         assert_eq!(read.advance(2.0).unwrap(), [point(1.0)]);
