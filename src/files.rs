@@ -1,7 +1,30 @@
-//! Writing files so that nothing half-written is ever seen.
+//! Files: read as what they are to hold, and written so that nothing half-written is ever seen.
 
 use std::io::{self, Write};
 use std::path::Path;
+
+/// Reads what a file says in TOML, or in JSON where its name ends in .json.
+///
+/// # Errors
+/// One line that names the file, and where in it something is wrong.
+#[cfg(feature = "train")]
+pub fn read_words<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, String> {
+    let file = path.display();
+    let text = std::fs::read_to_string(path).map_err(|e| format!("{file}: cannot be read: {e}"))?;
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
+        serde_json::from_str(&text).map_err(|e| format!("{file}: {e}"))
+    } else {
+        toml::from_str(&text).map_err(|e| format!("{file}: {}", toml_error_line(&text, &e)))
+    }
+}
+
+/// A TOML error in one line, with the line's number.
+#[cfg(feature = "train")]
+pub fn toml_error_line(text: &str, error: &toml::de::Error) -> String {
+    let line = error.span().map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
+    let message = error.message().replace('\n', " ");
+    line.map_or(message.clone(), |line| format!("line {line}: {message}"))
+}
 
 /// Writes `bytes` beside `path` and renames them into place; folders that are missing are made.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {

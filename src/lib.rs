@@ -6,7 +6,7 @@
 //! | room | holds |
 //! |---|---|
 //! | [`math`] | frames, sampling warps beside their pdfs, the sample generator, spherical harmonics, colour |
-//! | [`files`] | writing files whole or not at all |
+//! | [`files`] | reading words, writing files whole or not at all |
 //! | [`progress`] | how long work tells how far it is, and learns that it should stop |
 //! | [`scene`] | asset import, materials, ray tracing, lightmap charts and texels |
 //! | [`light`] | light kinds, the lighting condition, scenarios |

@@ -7,6 +7,7 @@ use serde::de::{self, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::dataset::Bytes;
+use crate::files::toml_error_line;
 use crate::light::Scenario;
 use crate::model::Channels;
 use crate::scene::{Asset, Camera, SceneError, UvPolicy, generate, load};
@@ -329,7 +330,7 @@ impl SceneFile {
         let text =
             std::fs::read_to_string(path).map_err(|source| SceneFileError::Read { path: path.to_owned(), source })?;
         let mut scene: Self = toml::from_str(&text)
-            .map_err(|e| SceneFileError::Parse { path: path.to_owned(), message: one_line(&text, &e) })?;
+            .map_err(|e| SceneFileError::Parse { path: path.to_owned(), message: toml_error_line(&text, &e) })?;
         // Paths in the file are relative to it.
         if let Some(folder) = path.parent() {
             for place in scene.asset.path.iter_mut().chain(&mut scene.scenario.environments) {
@@ -428,11 +429,4 @@ impl SceneFile {
         }
         Ok(asset)
     }
-}
-
-/// A TOML error in one line, with the line's number.
-pub fn one_line(text: &str, error: &toml::de::Error) -> String {
-    let line = error.span().map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
-    let message = error.message().replace('\n', " ");
-    line.map_or(message.clone(), |line| format!("line {line}: {message}"))
 }

@@ -79,4 +79,10 @@ fn without_an_adapter_there_is_one_line() {
     let errors: Vec<&str> = stderr.lines().filter(|line| line.starts_with("error: no usable GPU adapter")).collect();
     assert_eq!(errors.len(), 1, "{stderr}");
     assert!(!folder.path().join("bench.json").exists() && output.get_output().stdout.is_empty());
+    // Only what renders without a GPU is advised to.
+    assert!(!errors[0].contains("--cpu"), "{stderr}");
+    let mut command = relight(folder.path(), "render model.relight --light {type=\"sky\",sun_elevation=1} -o a.png");
+    let output = command.env("WGPU_ADAPTER_NAME", "none of this name").assert().code(2);
+    let stderr = String::from_utf8(output.get_output().stderr.clone()).unwrap();
+    assert!(stderr.lines().last().unwrap().ends_with("or render with --cpu"), "{stderr}");
 }

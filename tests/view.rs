@@ -16,14 +16,19 @@ const SPOT: &str = r#"{type="spot", position=[2.8,4,1], direction=[0.2,-0.8,0.5]
 fn main() {
     let has =
         |tool: &str| Command::new(tool).arg("-version").stderr(Stdio::null()).stdout(Stdio::null()).status().is_ok();
-    let no_window = !has("Xvfb") || !has("xdotool") || matches!(Gpu::new(), Err(GpuError::NoAdapter { .. }));
-    let driven = || -> Result<(), Failed> {
-        what_is_saved_is_what_render_renders();
-        Ok(())
+    let no_window =
+        !has("Xvfb") || !has("xdotool") || !has("import") || matches!(Gpu::new(), Err(GpuError::NoAdapter { .. }));
+    let driven = |name: &str, body: fn()| {
+        let run = move || -> Result<(), Failed> {
+            body();
+            Ok(())
+        };
+        Trial::test(name, run).with_ignored_flag(no_window)
     };
     let trials = vec![
         trial("without_a_display_it_says_so", without_a_display_it_says_so),
-        Trial::test("what_is_saved_is_what_render_renders", driven).with_ignored_flag(no_window),
+        driven("what_is_saved_is_what_render_renders", what_is_saved_is_what_render_renders),
+        driven("the_difference_is_shown_in_false_colour", the_difference_is_shown_in_false_colour),
     ];
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
@@ -76,58 +81,105 @@ fn until<T>(what: &str, mut done: impl FnMut() -> Option<T>) -> T {
     }
 }
 
+/// A window on a display of its own.
+struct Window {
+    program: Running,
+    _server: Running,
+    display: String,
+    id: String,
+}
+
+impl Window {
+    /// Opens `relight view` of `models` in `folder`, as large as its screen.
+    fn open(folder: &Path, size: &str, models: &[&str]) -> Self {
+        let mut server = Running(
+            Command::new("Xvfb")
+                .args(["-displayfd", "1", "-screen", "0", &format!("{size}x24")])
+                .stdout(Stdio::piped())
+                .stderr(Stdio::null())
+                .spawn()
+                .unwrap(),
+        );
+        let mut number = String::new();
+        BufReader::new(server.0.stdout.take().unwrap()).read_line(&mut number).unwrap();
+        let display = format!(":{}", number.trim());
+        let program = Running(
+            relight(folder)
+                .env("DISPLAY", &display)
+                .args([&["view"], models, &["--size", size, "-o", "shot", "--light", SPOT]].concat())
+                .stderr(Stdio::null())
+                .spawn()
+                .unwrap(),
+        );
+        let mut window = Self { program, _server: server, display, id: String::new() };
+        window.id = until("the window", || window.xdotool("search --name relight").lines().next().map(str::to_owned));
+        window
+    }
+
+    fn xdotool(&self, words: &str) -> String {
+        let output = Command::new("xdotool").env("DISPLAY", &self.display).args(words.split(' ')).output().unwrap();
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    fn press(&self, key: &str) {
+        self.xdotool(&format!("windowfocus {}", self.id));
+        self.xdotool(&format!("key {key}"));
+    }
+
+    /// What the screen shows.
+    fn screen(&self, folder: &Path) -> image::RgbImage {
+        let path = folder.join("screen.png");
+        let arguments = ["-window", "root", path.to_str().unwrap()];
+        assert!(Command::new("import").env("DISPLAY", &self.display).args(arguments).status().unwrap().success());
+        image::open(path).unwrap().into_rgb8()
+    }
+
+    fn quit(mut self) {
+        self.press("ctrl+q");
+        let status = until("the end", || self.program.0.try_wait().unwrap());
+        assert!(status.success());
+    }
+}
+
 fn what_is_saved_is_what_render_renders() {
     let folder = with_model();
-    let mut server = Running(
-        Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "900x700x24"])
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap(),
-    );
-    let mut number = String::new();
-    BufReader::new(server.0.stdout.take().unwrap()).read_line(&mut number).unwrap();
-    let display = format!(":{}", number.trim());
-    let mut window = Running(
-        relight(folder.path())
-            .env("DISPLAY", &display)
-            .args(["view", "m.relight", "--size", "800x600", "-o", "shot", "--light", SPOT])
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap(),
-    );
-    let xdotool = |words: &str| {
-        let output = Command::new("xdotool").env("DISPLAY", &display).args(words.split(' ')).output().unwrap();
-        String::from_utf8(output.stdout).unwrap()
-    };
-    let id = until("the window", || xdotool("search --name relight").lines().next().map(str::to_owned));
-    let press = |key: &str| {
-        xdotool(&format!("windowfocus {id}"));
-        xdotool(&format!("key {key}"));
-    };
+    let window = Window::open(folder.path(), "800x600", &["m.relight"]);
     // Until the window listens, and the light has moved.
     let saved = |name: &str| folder.path().join(name).exists().then_some(());
     until("the first lights", || {
-        press("ctrl+l");
+        window.press("ctrl+l");
         saved("shot-001.toml")
     });
-    press("Right");
-    press("Right");
+    window.press("Right");
+    window.press("Right");
     std::thread::sleep(Duration::from_millis(500));
-    press("ctrl+s");
+    window.press("ctrl+s");
     let (picture, number) = until("the picture", || {
         (1..20).find_map(|i| {
             saved(&format!("shot-{i:03}.exr")).map(|()| (folder.path().join(format!("shot-{i:03}.exr")), i))
         })
     });
-    press("ctrl+l");
+    window.press("ctrl+l");
     let lights = until("the lights", || {
         (number..20).find_map(|i| saved(&format!("shot-{i:03}.toml")).map(|()| format!("shot-{i:03}.toml")))
     });
-    press("ctrl+q");
-    let status = until("the end", || window.0.try_wait().unwrap());
-    assert!(status.success());
+    // The light goes around; its path is one that `render` renders.
+    window.press("space");
+    let path = until("the path", || {
+        window.press("ctrl+p");
+        (number..20).find_map(|i| saved(&format!("shot-{i:03}.path.toml")).map(|()| format!("shot-{i:03}.path.toml")))
+    });
+    window.quit();
+    let render = |words: &str| {
+        let words = format!("render m.relight --cpu --size 32x24 --exposure 0.5 {words}");
+        let output = relight(folder.path()).args(words.split(' ')).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    };
+    let codes = |name: &str| image::open(folder.path().join(name)).unwrap().into_rgb8().into_raw();
+    render(&format!("--path {path} --frames 4 -o frames"));
+    render(&format!("--light {lights} -o still.png"));
+    assert_eq!(codes("frames/0000.png"), codes("still.png"), "the path begins where the light stood");
+    assert_ne!(codes("frames/0002.png"), codes("still.png"), "half way around it is elsewhere");
 
     let (size, shown) = read_exr(&picture);
     let rendered = |lights: &str| {
@@ -163,4 +215,45 @@ fn read_exr(path: &Path) -> ((usize, usize), Vec<[f32; 3]>) {
     let image = until("the whole picture", read);
     let size = image.layer_data.size;
     ((size.width(), size.height()), image.layer_data.channel_data.pixels.1)
+}
+
+/// The share of the right half of the scene whose colours are those of a difference.
+fn false_coloured(screen: &image::RgbImage) -> f32 {
+    let scale: Vec<[u8; 3]> = (0..=255).map(|i| relight::math::colour::false_colour(i as f32 / 255.0)).collect();
+    let on_scale = |pixel: [u8; 3]| scale.iter().any(|c| (0..3).all(|i| pixel[i].abs_diff(c[i]) <= 3));
+    // Between the split line and the right panel, under the label.
+    let inside: Vec<[u8; 3]> =
+        (60..600).step_by(3).flat_map(|y| (660..960).step_by(3).map(move |x| screen.get_pixel(x, y).0)).collect();
+    inside.iter().filter(|&&pixel| on_scale(pixel)).count() as f32 / inside.len() as f32
+}
+
+/// Three methods of one asset in one window: the difference of each from a path traced picture of the same light.
+fn the_difference_is_shown_in_false_colour() {
+    let folder = with_model();
+    for method in ["linear", "belcour"] {
+        let words = format!(
+            "train --size 16 --conditions 24 --held-out 8 --paths 4 --points 16 --basis 4 --method {method} -o {method}.relight"
+        );
+        let output = relight(folder.path()).args(words.split(' ')).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+    let window = Window::open(folder.path(), "1280x720", &["m.relight", "linear.relight", "belcour.relight"]);
+    until("the first lights", || {
+        window.press("ctrl+l");
+        folder.path().join("shot-001.toml").exists().then_some(())
+    });
+    // Handles are drawn over the picture.
+    window.press("h");
+    window.press("r");
+    let share = || false_coloured(&window.screen(folder.path()));
+    // The right side is path traced, and not yet compared.
+    std::thread::sleep(Duration::from_secs(2));
+    assert!(share() < 0.5, "control: {}", share());
+    window.press("c");
+    until("the difference", || (share() > 0.95).then_some(()));
+    // Of another model, too.
+    window.press("x");
+    window.press("x");
+    until("two models", || (share() < 0.5).then_some(()));
+    window.quit();
 }

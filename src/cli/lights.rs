@@ -6,9 +6,9 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use super::Failure;
-use crate::light::{EnvironmentImages, Light, LightingCondition};
+use crate::files::read_words;
+use crate::light::{EnvironmentImages, Light, LightPath, LightingCondition};
 use crate::scene::{Asset, Camera};
-use crate::scene_file::one_line as toml_error_line;
 
 /// Help for `--light`.
 pub const LIGHT_HELP: &str = "A light, as TOML or JSON in the words of KHR_lights_punctual, e.g. \
@@ -65,15 +65,19 @@ fn own_lights(asset: &Asset) -> Result<Vec<Light>, Failure> {
 }
 
 fn from_file(path: &Path) -> Result<Vec<Light>, Failure> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Failure::Input(format!("--light {}: cannot be read: {e}", path.display())))?;
-    let condition: LightingCondition = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
-        serde_json::from_str(&text).map_err(|e| Failure::Input(format!("{}: {e}", path.display())))?
-    } else {
-        toml::from_str(&text)
-            .map_err(|e| Failure::Input(format!("{}: {}", path.display(), toml_error_line(&text, &e))))?
-    };
-    Ok(condition.lights)
+    let condition: Result<LightingCondition, String> = read_words(path);
+    condition.map(|condition| condition.lights).map_err(|why| {
+        // Keyframes are no lights, but the user may well think so.
+        let moves = LightPath::read(path, &mut EnvironmentImages::default()).is_ok_and(|read| read.moves());
+        let help = if moves { "; its lights move: give it with --path" } else { "" };
+        Failure::Input(format!("--light {why}{help}"))
+    })
+}
+
+/// Reads the `--path` argument.
+pub fn light_path(file: &Path) -> Result<LightPath, Failure> {
+    let path = LightPath::read(file, &mut EnvironmentImages::default());
+    path.map_err(|why| Failure::Input(format!("--path {why}")))
 }
 
 /// Reads the `--camera` argument; without one, the asset's first camera.

@@ -1,5 +1,6 @@
 //! The command line: one file per command.
 
+pub mod animation;
 pub mod bake;
 pub mod bench;
 pub mod choose;

@@ -1,4 +1,5 @@
-//! `relight render`: one picture of the relit asset, on the GPU or the CPU, or path traced.
+//! `relight render`: one picture of the relit asset, or one of each moment of moving lights, on the GPU or the CPU, or path
+//! traced.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -6,12 +7,13 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::lights::{CAMERA_HELP, LIGHT_HELP, camera, lights};
+use super::lights::{CAMERA_HELP, LIGHT_HELP, camera, light_path, lights};
 use super::{Failure, Reporter};
 use crate::dataset::DirectVector;
-use crate::gpu::Runtime;
+use crate::gpu::{GpuError, Runtime};
 use crate::light::{EmissionFacets, Light, LightTable};
 use crate::model::{Model, Picture, Shown, View};
+use crate::progress::Progress;
 use crate::report::pictures;
 use crate::scene::Tracer;
 use crate::transport::reference::{Reference, ReferenceSettings};
@@ -25,7 +27,19 @@ pub struct Render {
     pub lights: Vec<String>,
     #[arg(long, value_name = "CAMERA", help = CAMERA_HELP)]
     pub camera: Option<String>,
-    /// Where the picture goes: .png (tone mapped) or .exr (linear radiance)
+    /// Lights that move: a .toml or .json file with a list `lights` as for --light, in which a value may be a list of
+    /// keyframes, `intensity = [{ time = 0, value = 1 }, { time = 2.5, value = 8 }]`, and optionally `duration` (seconds) and
+    /// `interpolation` (smooth, linear or step)
+    #[arg(long, value_name = "FILE")]
+    pub path: Option<PathBuf>,
+    /// How many frames the path is shown in [default: as many as --fps makes of its duration]
+    #[arg(long, requires = "path", value_name = "COUNT")]
+    pub frames: Option<u32>,
+    /// Frames a second [default: what --frames makes of the path's duration, or 30]
+    #[arg(long, requires = "path", value_name = "RATE")]
+    pub fps: Option<f32>,
+    /// Where the picture goes: .png (tone mapped) or .exr (linear radiance). With --path: one animated .png or .apng, or
+    /// pictures with numbers, as frames/%04d.png (or .exr), or a folder
     #[arg(short, long, value_name = "IMAGE")]
     pub output: PathBuf,
     /// Width and height in pixels
@@ -68,18 +82,24 @@ pub fn parse_size(text: &str) -> Result<(u32, u32), String> {
 impl Render {
     pub fn run(&self, json: Option<&Path>, reporter: &Reporter) -> Result<(), Failure> {
         let format = self.output.extension().map(|e| e.to_string_lossy().to_lowercase());
-        if !matches!(format.as_deref(), Some("png" | "exr")) {
+        if self.path.is_none() && !matches!(format.as_deref(), Some("png" | "exr")) {
             return Err(Failure::Input(format!("{}: pictures are .png or .exr", self.output.display())));
         }
         if self.exposure.is_some_and(|e| !(e.is_finite() && e > 0.0)) {
             return Err(Failure::Input("--exposure must be finite and positive".into()));
         }
         let model = Model::load(&self.model)?;
-        let lights = lights(&self.lights, &model.asset)?;
         let view = View::new(camera(self.camera.as_deref(), &model.asset)?, self.size.0, self.size.1);
         view.pinhole()?;
+        if let Some(file) = &self.path {
+            let still = if self.lights.is_empty() { Vec::new() } else { lights(&self.lights, &model.asset)? };
+            return self.animate(&model, &view, (&light_path(file)?, file), &still, json, reporter);
+        }
+        let lights = lights(&self.lights, &model.asset)?;
         let start = Instant::now();
-        let (picture, renderer, direct) = self.picture(&model, &view, &lights, reporter)?;
+        let mut renderer = Renderer::new(self, &model)?;
+        let (picture, direct) = renderer.picture(&view, &lights, self.show, reporter)?;
+        let renderer = renderer.name();
         let seconds = start.elapsed().as_secs_f64();
         let exposure = self.exposure.unwrap_or_else(|| pictures::exposure_for(&picture));
         if format.as_deref() == Some("exr") {
@@ -103,42 +123,80 @@ impl Render {
         });
         super::write_json(json, &figures)
     }
+}
 
-    /// The picture, what made it, and the direct vector that it was relit from.
-    fn picture(
-        &self,
-        model: &Model,
+/// What makes pictures of a model.
+pub enum Renderer<'m> {
+    Traced { tracer: Box<Tracer<'m>>, paths: u32 },
+    Cpu { tracer: Box<Tracer<'m>>, model: &'m Model },
+    Gpu(Box<Runtime>),
+}
+
+impl<'m> Renderer<'m> {
+    pub fn new(render: &Render, model: &'m Model) -> Result<Self, Failure> {
+        let tracer = || Box::new(Tracer::new(&model.asset));
+        Ok(if render.reference {
+            Self::Traced { tracer: tracer(), paths: render.paths }
+        } else if render.cpu {
+            Self::Cpu { tracer: tracer(), model }
+        } else {
+            Self::Gpu(Box::new(Runtime::new(model).map_err(or_without_gpu)?))
+        })
+    }
+
+    pub fn name(&self) -> String {
+        match self {
+            Self::Traced { paths, .. } => format!("path traced, {paths} paths a pixel"),
+            Self::Cpu { .. } => "CPU".into(),
+            Self::Gpu(runtime) => format!("GPU: {}", runtime.gpu().name),
+        }
+    }
+
+    /// The picture, and the direct vector that it was relit from.
+    pub fn picture(
+        &mut self,
         view: &View,
         lights: &[Light],
-        reporter: &Reporter,
-    ) -> Result<(Picture, String, Option<DirectVector>), Failure> {
-        if self.reference {
-            let tracer = Tracer::new(&model.asset);
-            let settings = ReferenceSettings { samples: self.paths, max_bounces: 64, seed: 1 };
-            let Reference { direct, indirect } = Reference::trace(&tracer, view, lights, &settings, reporter)?;
-            let picture = match self.show {
-                Part::Full => pictures::sum(&direct, &indirect),
-                Part::Direct => direct,
-                Part::Indirect => indirect,
-            };
-            return Ok((picture, format!("path traced, {} paths a pixel", self.paths), None));
-        }
-        let shown = match self.show {
+        part: Part,
+        progress: &dyn Progress,
+    ) -> Result<(Picture, Option<DirectVector>), Failure> {
+        let shown = match part {
             Part::Full => Shown::Full,
             Part::Direct => Shown::Direct,
             Part::Indirect => Shown::Indirect,
         };
-        if self.cpu {
-            let tracer = Tracer::new(&model.asset);
-            let table = LightTable::new(lights, &EmissionFacets::of(tracer.asset()));
-            let direct = model.points.direct(&tracer, &table);
-            let coefficients = model.transfer.coefficients(&direct);
-            let picture = model.render_with(&tracer, view, &table, &coefficients, shown)?;
-            return Ok((picture, "CPU".into(), Some(direct)));
+        match self {
+            Self::Traced { tracer, paths } => {
+                let settings = ReferenceSettings { samples: *paths, max_bounces: 64, seed: 1 };
+                let Reference { direct, indirect } = Reference::trace(tracer, view, lights, &settings, progress)?;
+                let picture = match part {
+                    Part::Full => pictures::sum(&direct, &indirect),
+                    Part::Direct => direct,
+                    Part::Indirect => indirect,
+                };
+                Ok((picture, None))
+            }
+            Self::Cpu { tracer, model } => {
+                let table = LightTable::new(lights, &EmissionFacets::of(tracer.asset()));
+                let direct = model.points.direct(tracer, &table);
+                let coefficients = model.transfer.coefficients(&direct);
+                let picture = model.render_with(tracer, view, &table, &coefficients, shown)?;
+                Ok((picture, Some(direct)))
+            }
+            Self::Gpu(runtime) => {
+                let picture = runtime.render(view, lights, shown).map_err(or_without_gpu)?;
+                Ok((picture, Some(runtime.direct()?)))
+            }
         }
-        let mut runtime = Runtime::new(model)?;
-        let picture = runtime.render(view, lights, shown)?;
-        let direct = runtime.direct()?;
-        Ok((picture, format!("GPU: {}", runtime.gpu().name), Some(direct)))
+    }
+}
+
+/// What a GPU lacks, the CPU has.
+fn or_without_gpu(error: GpuError) -> Failure {
+    match error {
+        GpuError::NoAdapter { .. } | GpuError::TooLarge { .. } => {
+            Failure::Input(format!("{error}, or render with --cpu"))
+        }
+        error => error.into(),
     }
 }

@@ -35,10 +35,19 @@ pub struct Reporter {
 struct Stop {
     /// The folder that keeps what was done.
     kept: Mutex<Option<PathBuf>>,
+    /// A folder of what is not whole yet.
+    scratch: Mutex<Option<PathBuf>>,
     said: AtomicBool,
 }
 
 impl Stop {
+    fn clear(&self) {
+        if let Some(folder) = self.scratch.lock().unwrap_or_else(|e| e.into_inner()).take() {
+            // What cannot be removed is no reason to go on.
+            let _ = std::fs::remove_dir_all(folder);
+        }
+    }
+
     fn say(&self) {
         if self.said.swap(true, Relaxed) {
             return;
@@ -99,6 +108,7 @@ impl Reporter {
         let _ = ctrlc::set_handler(move || {
             flag.store(true, Relaxed);
             std::thread::sleep(PATIENCE);
+            said.clear();
             said.say();
             std::process::exit(1);
         });
@@ -117,6 +127,11 @@ impl Reporter {
     /// From now on, what is baked is kept in `folder`.
     pub fn keeps_in(&self, folder: &Path) {
         *self.stop.kept.lock().unwrap_or_else(|e| e.into_inner()) = Some(folder.to_owned());
+    }
+
+    /// What `folder` holds is removed where the program ends before its time.
+    pub fn scratch(&self, folder: &Path) {
+        *self.stop.scratch.lock().unwrap_or_else(|e| e.into_inner()) = Some(folder.to_owned());
     }
 
     /// Says, once, that the work was stopped, and how it goes on.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::lights::{CAMERA_HELP, LIGHT_HELP, camera, defined, lights};
+use super::lights::{CAMERA_HELP, LIGHT_HELP, camera, defined, light_path, lights};
 use super::render::parse_size;
 use super::{Failure, Reporter};
 use crate::light::Light;
@@ -22,6 +22,9 @@ pub struct View {
     pub models: Vec<PathBuf>,
     #[arg(long = "light", value_name = "LIGHT", help = LIGHT_HELP)]
     pub lights: Vec<String>,
+    /// Lights that move, as for `relight render --path`: they play in a loop
+    #[arg(long, value_name = "FILE", conflicts_with = "lights")]
+    pub path: Option<PathBuf>,
     #[arg(long, value_name = "CAMERA", help = CAMERA_HELP)]
     pub camera: Option<String>,
     /// The window's size
@@ -49,7 +52,9 @@ impl View {
             models.push((name, model));
         }
         let asset = &models[0].1.asset;
+        let path = self.path.as_deref().map(light_path).transpose()?;
         let opening = Opening {
+            path,
             lights: if self.lights.is_empty() { own(asset) } else { lights(&self.lights, asset)? },
             camera: camera(self.camera.as_deref(), asset)?,
             path_trace,

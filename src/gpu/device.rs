@@ -10,9 +10,7 @@ use crate::model::ViewError;
 /// Why the GPU could not do its work.
 #[derive(Debug, thiserror::Error)]
 pub enum GpuError {
-    #[error(
-        "no usable GPU adapter{wanted}; found: {found}; install a Vulkan, Metal or DirectX 12 driver, or render with --cpu"
-    )]
+    #[error("no usable GPU adapter{wanted}; found: {found}; install a Vulkan, Metal or DirectX 12 driver")]
     NoAdapter {
         /// " named …" where one was asked for.
         wanted: String,
@@ -224,7 +222,7 @@ impl Gpu {
     /// Checks that a picture of this many samples fits a render target.
     pub fn check_target(&self, [width, height]: [u32; 2]) -> Result<(), GpuError> {
         let limit = self.device.limits().max_texture_dimension_2d as u64;
-        let help = "take a smaller picture or fewer samples a pixel, or render with --cpu";
+        let help = "take a smaller picture or fewer samples a pixel";
         self.check_limit("the picture", width.max(height) as u64, "samples on a side", limit, help)
     }
 

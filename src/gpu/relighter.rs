@@ -188,7 +188,8 @@ impl Relighter {
         self.function.replace("@group(0)", &format!("@group({group})"))
     }
 
-    /// The whole lightmap's indirect irradiance, W/m², of either sign, for [`Lookup::Texture`]: rgba32float.
+    /// The whole lightmap's indirect irradiance, W/m², of either sign, or with a γ its root (see [`crate::model::Transfer::gamma`]),
+    /// for [`Lookup::Texture`]: rgba32float.
     pub fn irradiance(&self) -> Option<&wgpu::TextureView> {
         self.reconstruction.as_ref().map(|reconstruction| &reconstruction.irradiance)
     }

@@ -122,6 +122,16 @@ pub(super) fn one() -> f32 {
     1.0
 }
 
+/// How bright a light is, and of which colour.
+pub struct Strength<'l> {
+    /// None where it has no colour of its own.
+    pub color: Option<&'l mut Rgb>,
+    /// What the colour is multiplied with, and what files and people call it.
+    pub amount: &'l mut f32,
+    pub name: &'static str,
+    pub unit: &'static str,
+}
+
 impl Light {
     /// Colour times intensity or radiance.
     pub fn radiant(&self) -> Rgb {
@@ -132,33 +142,33 @@ impl Light {
     /// The same light with its colour multiplied; none where it has no colour of its own.
     pub fn tinted(&self, tint: Rgb) -> Option<Self> {
         let mut light = self.clone();
-        match &mut light {
-            Light::Point { color, .. }
-            | Light::Spot { color, .. }
-            | Light::Directional { color, .. }
-            | Light::Rect { color, .. }
-            | Light::Disk { color, .. }
-            | Light::Sphere { color, .. }
-            | Light::Environment { color, .. }
-            | Light::Sky(Sky { color, .. }) => *color *= tint,
-            Light::Emissive { .. } => return None,
-        }
+        *light.strength_mut().color? *= tint;
         Some(light)
     }
 
     /// Colour, and what it is multiplied with: name and value.
     fn strength(&self) -> (Rgb, &'static str, f32) {
-        match *self {
-            Light::Point { color, intensity, .. }
-            | Light::Spot { color, intensity, .. }
-            | Light::Directional { color, intensity, .. }
-            | Light::Environment { color, intensity, .. }
-            | Light::Sky(Sky { color, intensity, .. }) => (color, "intensity", intensity),
+        let mut light = self.clone();
+        let Strength { color, amount, name, .. } = light.strength_mut();
+        (color.copied().unwrap_or(Vec3::ONE), name, *amount)
+    }
+
+    /// Its parts that are coloured and dimmed.
+    pub fn strength_mut(&mut self) -> Strength<'_> {
+        let (color, amount, name, unit) = match self {
+            Light::Point { color, intensity, .. } | Light::Spot { color, intensity, .. } => {
+                (color, intensity, "intensity", "cd")
+            }
+            Light::Directional { color, intensity, .. } => (color, intensity, "intensity", "lx"),
+            Light::Environment { color, intensity, .. } | Light::Sky(Sky { color, intensity, .. }) => {
+                (color, intensity, "intensity", "×")
+            }
             Light::Rect { color, radiance, .. }
             | Light::Disk { color, radiance, .. }
-            | Light::Sphere { color, radiance, .. } => (color, "radiance", radiance),
-            Light::Emissive { scale } => (Vec3::ONE, "scale", scale),
-        }
+            | Light::Sphere { color, radiance, .. } => (color, radiance, "radiance", "nit"),
+            Light::Emissive { scale } => return Strength { color: None, amount: scale, name: "scale", unit: "×" },
+        };
+        Strength { color: Some(color), amount, name, unit }
     }
 
     /// What is wrong with this light, if anything, as one line; otherwise the light with its direction made unit.

@@ -2,7 +2,8 @@
 
 use glam::Vec3;
 
-use super::{Kind, Light, Sky};
+use super::condition::Strength;
+use super::{Kind, Light};
 use crate::math::Rgb;
 
 impl Light {
@@ -44,30 +45,13 @@ impl Light {
     }
 
     pub fn color_mut(&mut self) -> Option<&mut Rgb> {
-        match self {
-            Light::Point { color, .. }
-            | Light::Spot { color, .. }
-            | Light::Directional { color, .. }
-            | Light::Rect { color, .. }
-            | Light::Disk { color, .. }
-            | Light::Sphere { color, .. }
-            | Light::Environment { color, .. }
-            | Light::Sky(Sky { color, .. }) => Some(color),
-            Light::Emissive { .. } => None,
-        }
+        self.strength_mut().color
     }
 
     /// What its colour is multiplied with, and the unit.
     pub fn amount_mut(&mut self) -> (&mut f32, &'static str) {
-        match self {
-            Light::Point { intensity, .. } | Light::Spot { intensity, .. } => (intensity, "cd"),
-            Light::Directional { intensity, .. } => (intensity, "lx"),
-            Light::Rect { radiance, .. } | Light::Disk { radiance, .. } | Light::Sphere { radiance, .. } => {
-                (radiance, "nit")
-            }
-            Light::Environment { intensity, .. } | Light::Sky(Sky { intensity, .. }) => (intensity, "×"),
-            Light::Emissive { scale } => (scale, "×"),
-        }
+        let Strength { amount, unit, .. } = self.strength_mut();
+        (amount, unit)
     }
 
     /// Where it stands, metres; none for lights that stand nowhere.
@@ -101,6 +85,7 @@ impl Light {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::light::Sky;
 
     #[test]
     fn a_sky_is_aimed_at_its_sun() {

@@ -18,6 +18,8 @@ pub mod image;
 #[cfg(feature = "train")]
 pub mod motion;
 #[cfg(feature = "train")]
+pub mod path;
+#[cfg(feature = "train")]
 pub mod sampled;
 #[cfg(feature = "train")]
 pub mod scenario;
@@ -25,6 +27,8 @@ pub mod scenario;
 pub mod set;
 pub mod sky;
 pub mod table;
+#[cfg(feature = "train")]
+pub mod track;
 
 pub use condition::{Light, LightingCondition};
 #[cfg(feature = "train")]
@@ -35,6 +39,8 @@ pub use gather::{Arrived, LightGather};
 pub use image::EnvironmentImage;
 #[cfg(feature = "train")]
 pub use image::{EnvironmentError, EnvironmentImages};
+#[cfg(feature = "train")]
+pub use path::{LightPath, LightPathError};
 #[cfg(feature = "train")]
 pub use sampled::{Sampled, SampledGather};
 #[cfg(feature = "train")]

@@ -94,7 +94,7 @@ impl Light {
 }
 
 /// From one unit vector to another at an even speed. Opposite ones are joined by way of any third.
-fn turned(from: Vec3, to: Vec3, share: f32) -> Vec3 {
+pub(super) fn turned(from: Vec3, to: Vec3, share: f32) -> Vec3 {
     let angle = from.angle_between(to);
     let side = (to - from * from.dot(to)).try_normalize().unwrap_or_else(|| from.any_orthonormal_vector());
     from * (angle * share).cos() + side * (angle * share).sin()

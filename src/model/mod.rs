@@ -14,7 +14,7 @@ pub use file::ModelFileError;
 pub use negative::negative_shares;
 pub use picture::Picture;
 #[cfg(feature = "train")]
-pub use picture::PictureError;
+pub use picture::{Animation, PictureError};
 pub use record::{Choice, HeldOut, Separation, Shortage, TrainingRecord};
 pub use scope::{Reading, Scope};
 pub use view::{Shown, View, ViewError};

@@ -1,10 +1,14 @@
 //! A rendered picture.
 
 #[cfg(feature = "train")]
+mod animation;
+#[cfg(feature = "train")]
 mod write;
 
 use crate::math::Rgb;
 use crate::math::colour::{srgb8_from_linear, tone_map};
+#[cfg(feature = "train")]
+pub use animation::Animation;
 #[cfg(feature = "train")]
 pub use write::PictureError;
 

@@ -7,10 +7,12 @@ use eframe::egui::{self, CentralPanel, Frame, Key, PointerButton, Pos2, Rect, Se
 use eframe::egui_wgpu::RenderState;
 use glam::{Vec2, Vec3};
 
+use super::display::{Look, What};
 use super::handles::{Eyepiece, Handle};
 use super::pace::{Grain, Pace};
+use super::player::Player;
 use super::reference::Reference;
-use super::screen::{Look, Screen, Side, What};
+use super::screen::{Screen, Side};
 use super::{Opening, control};
 use crate::gpu::GpuError;
 use crate::light::{EnvironmentImages, Light};
@@ -44,11 +46,14 @@ pub struct App<'a> {
     pub(super) show_timings: bool,
     pub(super) show_basis: bool,
     pub(super) help: bool,
+    /// Where windows open.
+    pub(super) corner: Pos2,
+    /// What had the keys a frame ago.
+    pub(super) focused: Option<egui::Id>,
     /// The element that the basis window shows, and its picture.
     pub(super) element: usize,
     pub(super) element_texture: Option<(usize, usize, egui::TextureHandle)>,
-    /// The selected light goes around the asset.
-    pub(super) playing: bool,
+    pub(super) player: Player,
 
     /// As it was measured last.
     pub(super) direct: Vec<Rgb>,
@@ -84,6 +89,8 @@ impl<'a> App<'a> {
         let elements = models[0].transfer.elements;
         let extent = models[0].asset.mesh.bounds().diagonal();
         let selected = (!opening.lights.is_empty()).then_some(0);
+        let mut player = Player::default();
+        opening.path.into_iter().for_each(|path| player.open(path));
         Self {
             names: opening.models.iter().map(|(name, _)| name.clone()).collect(),
             screen: Screen::new(window, models),
@@ -104,9 +111,11 @@ impl<'a> App<'a> {
             show_timings: false,
             show_basis: false,
             help: false,
+            corner: Pos2::ZERO,
+            focused: None,
             element: 0,
             element_texture: None,
-            playing: false,
+            player,
             direct: Vec::new(),
             pace: Pace::default(),
             reference_paths: 0,
@@ -136,6 +145,12 @@ impl<'a> App<'a> {
     pub(super) fn relight(&mut self) {
         self.lights_changed = true;
         self.redraw();
+    }
+
+    /// Somebody changed the lights.
+    pub(super) fn edited(&mut self) {
+        self.player.edited();
+        self.relight();
     }
 
     /// Camera, size or part changed.
@@ -239,7 +254,7 @@ impl<'a> App<'a> {
         let Some(eyepiece) = Eyepiece::new(&self.camera, rect, self.centre(), self.extent) else { return };
         self.point(ui, &response, &eyepiece, rect);
         self.fly(ui, &response);
-        if self.playing {
+        if self.player.playing {
             self.play(ui);
         }
         match self.picture(ui.ctx(), size) {
@@ -297,10 +312,12 @@ impl<'a> App<'a> {
             match self.drag {
                 Drag::Light(handle) if moved != egui::Vec2::ZERO => {
                     let surface_at = |ray| self.surface_at(eyepiece.eye(), ray);
-                    let mut light = self.lights[handle.light()].clone();
-                    eyepiece.drag(handle, &mut light, to - moved, to, surface_at);
-                    self.lights[handle.light()] = light;
-                    self.relight();
+                    // It may have been removed by a key meanwhile.
+                    if let Some(mut light) = self.lights.get(handle.light()).cloned() {
+                        eyepiece.drag(handle, &mut light, to - moved, to, surface_at);
+                        self.lights[handle.light()] = light;
+                        self.edited();
+                    }
                 }
                 Drag::Split => self.look.split = ((to.x - rect.left()) / rect.width()).clamp(0.02, 0.98),
                 Drag::Camera if moved != egui::Vec2::ZERO => {
@@ -360,23 +377,6 @@ impl<'a> App<'a> {
             self.redraw();
             ui.ctx().request_repaint();
         }
-    }
-
-    /// The selected light goes around the asset's vertical axis, once in eight seconds.
-    fn play(&mut self, ui: &Ui) {
-        let (centre, seconds) = (self.centre(), ui.input(|i| i.stable_dt.min(0.1)));
-        let turn = glam::Quat::from_rotation_y(seconds * std::f32::consts::TAU / 8.0);
-        let Some(light) = self.selected.and_then(|i| self.lights.get_mut(i)) else { return };
-        if let Some(position) = light.position_mut() {
-            *position = centre + turn * (*position - centre);
-        }
-        if let Some(direction) = light.direction() {
-            light.aim(turn * direction);
-        } else if let Light::Environment { rotation, .. } = light {
-            *rotation = (*rotation + seconds * std::f32::consts::TAU / 8.0).rem_euclid(std::f32::consts::TAU);
-        }
-        self.relight();
-        ui.ctx().request_repaint();
     }
 
     fn paint_split(&self, painter: &egui::Painter, rect: Rect) {

@@ -5,9 +5,12 @@
 
 mod app;
 pub mod control;
+pub mod display;
+mod dropped;
 pub mod handles;
 pub mod pace;
 mod panels;
+mod player;
 pub mod reference;
 mod save;
 pub mod screen;
@@ -18,7 +21,7 @@ use eframe::egui;
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 
 use crate::gpu::{Gpu, GpuError};
-use crate::light::Light;
+use crate::light::{Light, LightPath};
 use crate::model::Model;
 use crate::scene::{Camera, Tracer};
 pub use reference::PathTrace;
@@ -28,6 +31,8 @@ pub struct Opening<'a> {
     /// Names and models, all of one asset; the first is shown.
     pub models: &'a [(String, Model)],
     pub lights: Vec<Light>,
+    /// Lights that play in the place of these.
+    pub path: Option<LightPath>,
     pub camera: Camera,
     /// What path traces the reference.
     pub path_trace: PathTrace,

@@ -6,7 +6,8 @@ use glam::Vec3;
 
 use super::app::App;
 use super::control;
-use super::screen::{Side, What};
+use super::display::What;
+use super::screen::Side;
 use crate::light::{Kind, Light, Sky};
 use crate::model::Shown;
 
@@ -21,17 +22,22 @@ const HELP: &[(&str, &str)] = &[
     ("Delete", "remove the selected light"),
     ("1 2 3", "all light, direct, indirect"),
     ("X", "split: a second method, size, the reference or the difference"),
-    ("R", "path traced reference on the right"),
+    ("R, C", "path traced reference on the right, or the difference from it"),
     ("P", "measurement points and their values"),
     ("B", "basis elements"),
     ("T", "timings"),
     ("H", "handles"),
-    ("Space", "the selected light goes around"),
+    ("Space", "play the light path; without one the selected light goes around"),
+    ("K", "keyframe: the path has the lights as they are at its present time"),
     ("[ ]", "exposure"),
     ("F", "back to the first view"),
     ("Ctrl+S", "save the picture, .png and .exr"),
     ("Ctrl+L", "save the lights, .toml"),
-    ("drop a file", "environment map (.hdr, .exr) or lights (.toml)"),
+    ("Ctrl+P", "save the light path, .path.toml"),
+    (
+        "drop a file",
+        "environment map (.hdr, .exr; in the place of a selected one), lights or a light path (.toml, .json)",
+    ),
     ("Ctrl+Q", "quit"),
 ];
 
@@ -40,16 +46,27 @@ const KINDS: [Kind; 8] =
 
 impl App<'_> {
     pub(super) fn keys(&mut self, ui: &Ui) {
+        self.free_keys(ui.ctx());
         if ui.ctx().egui_wants_keyboard_input() {
             return;
         }
-        let pressed = |key: Key| ui.input(|i| i.key_pressed(key) && i.modifiers.is_none());
+        // By what was held when the key was pressed, not when the frame ends.
+        let pressed = |key: Key| {
+            let plain = |event: &egui::Event| match event {
+                egui::Event::Key { key: of, pressed: true, modifiers, .. } => *of == key && modifiers.is_none(),
+                _ => false,
+            };
+            ui.input(|i| i.events.iter().any(plain))
+        };
         let command = |key: Key| ui.input_mut(|i| i.consume_key(Modifiers::COMMAND, key));
         if command(Key::S) {
             self.save_picture();
         }
         if command(Key::L) {
             self.save_lights();
+        }
+        if command(Key::P) {
+            self.save_path();
         }
         if command(Key::Q) {
             ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
@@ -66,18 +83,25 @@ impl App<'_> {
         if pressed(Key::X) {
             self.set_split(if self.sides[1].is_some() { None } else { Some(What::Picture) });
         }
-        if pressed(Key::R) {
-            let has = self.sides[1].is_some_and(|side| side.what == What::Reference);
-            self.set_split(if has { None } else { Some(What::Reference) });
+        for (key, what) in [(Key::R, What::Reference), (Key::C, What::Difference)] {
+            if pressed(key) {
+                let has = self.sides[1].is_some_and(|side| side.what == what);
+                self.set_split(if has { None } else { Some(what) });
+            }
         }
         for (key, flag) in [
             (Key::P, &mut self.show_points),
             (Key::B, &mut self.show_basis),
             (Key::T, &mut self.show_timings),
             (Key::H, &mut self.show_handles),
-            (Key::Space, &mut self.playing),
         ] {
             *flag ^= pressed(key);
+        }
+        if pressed(Key::Space) {
+            self.toggle_playing();
+        }
+        if pressed(Key::K) {
+            self.set_key();
         }
         for (key, factor) in [(Key::OpenBracket, 0.8), (Key::CloseBracket, 1.25)] {
             if pressed(key) {
@@ -99,6 +123,21 @@ impl App<'_> {
         self.nudge(ui);
     }
 
+    /// Keys are the scene's, but for those of a number that is being typed: a button or slider does not keep them once it was
+    /// clicked. A number becomes a text only in the frame after the click.
+    fn free_keys(&mut self, context: &egui::Context) {
+        let focused = context.memory(|memory| memory.focused());
+        if let Some(id) = focused
+            && !context.text_edit_focused()
+        {
+            if self.focused == focused {
+                context.memory_mut(|memory| memory.surrender_focus(id));
+            }
+            context.request_repaint();
+        }
+        self.focused = focused;
+    }
+
     /// Keys move the selected light by a fiftieth of the asset's extent.
     fn nudge(&mut self, ui: &Ui) {
         let step = 0.02 * self.extent();
@@ -116,14 +155,14 @@ impl App<'_> {
             && let Some(position) = light.position_mut()
         {
             *position += by * step;
-            self.relight();
+            self.edited();
         }
     }
 
     fn remove(&mut self, index: usize) {
         self.lights.remove(index);
         self.selected = self.lights.len().checked_sub(1).map(|last| index.min(last));
-        self.relight();
+        self.edited();
     }
 
     fn set_split(&mut self, what: Option<What>) {
@@ -157,16 +196,19 @@ impl App<'_> {
         Panel::left("lights").default_size(230.0).show(ui, |ui| {
             ScrollArea::vertical().show(ui, |ui| self.lights_panel(ui));
         });
-        Panel::right("view").default_size(220.0).show(ui, |ui| {
+        Panel::right("view").default_size(250.0).show(ui, |ui| {
             ScrollArea::vertical().show(ui, |ui| self.view_panel(ui));
         });
+        // Windows open over the scene, not over the panels.
+        self.corner = ui.available_rect_before_wrap().min + egui::vec2(8.0, 8.0);
         if self.show_timings {
             Panel::bottom("timings").default_size(170.0).resizable(true).show(ui, |ui| self.timings(ui));
         }
         let context = ui.ctx().clone();
         self.basis_window(&context);
         let mut help = self.help;
-        egui::Window::new("Help").open(&mut help).show(&context, |ui| {
+        let corner = self.corner;
+        egui::Window::new("Help").open(&mut help).default_pos(corner).show(&context, |ui| {
             egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
                 for (key, does) in HELP {
                     ui.label(RichText::new(*key).strong());
@@ -204,7 +246,7 @@ impl App<'_> {
                     let light = self.new_light(kind);
                     self.lights.push(light);
                     self.selected = Some(self.lights.len() - 1);
-                    self.relight();
+                    self.edited();
                     ui.close();
                 }
             }
@@ -230,14 +272,15 @@ impl App<'_> {
             changed = edit(ui, light, extent);
         }
         if changed {
-            self.relight();
+            self.edited();
         }
         ui.separator();
-        ui.checkbox(&mut self.playing, "goes around (Space)");
         ui.checkbox(&mut self.show_handles, "handles (H)");
         if ui.button("save lights (Ctrl+L)").clicked() {
             self.save_lights();
         }
+        ui.separator();
+        self.path_panel(ui);
     }
 
     /// A light of this kind where the camera looks, about as bright as daylight indoors.
@@ -410,7 +453,7 @@ impl App<'_> {
             ("resolve", |p| p.resolve),
         ];
         Plot::new("timings")
-            .legend(Legend::default())
+            .legend(Legend::default().position(egui_plot::Corner::LeftTop))
             .x_axis_label("frame")
             .y_axis_label("milliseconds")
             .include_y(0.0)
@@ -433,7 +476,8 @@ impl App<'_> {
             let texture = context.load_texture("basis", image, egui::TextureOptions::NEAREST);
             self.element_texture = Some((index, element, texture));
         }
-        egui::Window::new("Basis").open(&mut open).default_width(300.0).show(context, |ui| {
+        let window = egui::Window::new("Basis").open(&mut open).default_pos(self.corner).default_width(300.0);
+        window.show(context, |ui| {
             let what = if basis.anchors.is_some() { "channel" } else { "element" };
             ui.add(
                 Slider::new(&mut element, 0..=basis.elements - 1)

@@ -1,12 +1,8 @@
-//! What is saved and what is dropped into the window.
-
-use std::path::Path;
-
-use eframe::egui;
+//! What is saved.
 
 use super::app::App;
 use crate::files::write_whole;
-use crate::light::{EnvironmentImage, Light, LightingCondition};
+use crate::light::{Light, LightingCondition};
 use crate::model::{Picture, View};
 
 impl App<'_> {
@@ -54,44 +50,5 @@ impl App<'_> {
 
     pub(super) fn say(&mut self, said: Result<String, String>) {
         self.message = said.unwrap_or_else(|error| format!("error: {error}"));
-    }
-
-    /// Environment maps and light setups that are dropped into the window.
-    pub(super) fn dropped(&mut self, ui: &egui::Ui) {
-        let files = ui.input(|i| i.raw.dropped_files.clone());
-        for path in files.iter().map(|file| file.path()) {
-            let said = self.open(path);
-            self.say(said);
-        }
-    }
-
-    fn open(&mut self, path: &Path) -> Result<String, String> {
-        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-        match extension.as_deref() {
-            Some("hdr" | "exr") => {
-                let image = EnvironmentImage::from(path.to_owned());
-                let mut light = Light::Environment { image, rotation: 0.0, color: glam::Vec3::ONE, intensity: 1.0 };
-                self.images.ready(&mut light, Path::new("")).map_err(|e| e.to_string())?;
-                // One environment at a time: a second one takes the first one's place.
-                self.lights.retain(|light| !matches!(light, Light::Environment { .. }));
-                self.lights.push(light);
-            }
-            Some("toml") => {
-                let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
-                let condition: LightingCondition = toml::from_str(&text)
-                    .map_err(|e| format!("{}: {}", path.display(), crate::scene_file::one_line(&text, &e)))?;
-                let mut lights = Vec::new();
-                for mut light in condition.lights {
-                    let folder = path.parent().unwrap_or(Path::new(""));
-                    self.images.ready(&mut light, folder).map_err(|e| e.to_string())?;
-                    lights.push(light.validated().map_err(|why| format!("{}: {why}", path.display()))?);
-                }
-                self.lights = lights;
-            }
-            _ => return Err(format!("{}: neither an environment (.hdr, .exr) nor lights (.toml)", path.display())),
-        }
-        self.selected = self.lights.len().checked_sub(1);
-        self.relight();
-        Ok(format!("opened {}", path.display()))
     }
 }

@@ -7,22 +7,12 @@ use eframe::egui_wgpu::RenderState;
 use eframe::wgpu;
 use wgpu::util::DeviceExt;
 
+use super::display::{Display, Frame, Look, What};
 use super::reference::Traced;
 use crate::gpu::{Gpu, GpuError, PassTimes, Runtime};
 use crate::light::Light;
 use crate::math::Rgb;
 use crate::model::{Model, Picture, Shown, View};
-
-/// What a side of the split shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum What {
-    /// Relit.
-    Picture,
-    /// Path traced.
-    Reference,
-    /// Of the one from the other.
-    Difference,
-}
 
 /// One side of the split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,33 +24,6 @@ pub struct Side {
     pub elements: usize,
 }
 
-/// How the pictures are shown.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Look {
-    pub exposure: f32,
-    pub tone_curve: bool,
-    /// Radiance that is the brightest of a difference's scale.
-    pub difference: f32,
-    /// Where the right side begins, 0 to 1.
-    pub split: f32,
-}
-
-/// `shaders/display.wgsl`: Display.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct Display {
-    size: [u32; 2],
-    split: u32,
-    tone_curve: u32,
-    left: u32,
-    right: u32,
-    exposure: f32,
-    difference: f32,
-}
-
-const DISPLAY: &str = include_str!("../../shaders/display.wgsl");
-const SHOWN: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
-
 pub struct Screen<'a> {
     window: RenderState,
     models: Vec<&'a Model>,
@@ -69,34 +32,14 @@ pub struct Screen<'a> {
     /// Direct and indirect light.
     reference: Option<[Picture; 2]>,
     reference_texture: Option<(Shown, wgpu::Texture)>,
-    pipeline: wgpu::ComputePipeline,
+    display: Display,
     output: Option<(wgpu::Texture, TextureId)>,
 }
 
 impl<'a> Screen<'a> {
     pub fn new(window: RenderState, models: Vec<&'a Model>) -> Self {
-        let device = &window.device;
-        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some("display"),
-            source: wgpu::ShaderSource::Wgsl(DISPLAY.into()),
-        });
-        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("display"),
-            layout: Some(&pipeline_layout(device)),
-            module: &module,
-            entry_point: Some("show"),
-            compilation_options: Default::default(),
-            cache: None,
-        });
-        Self {
-            window,
-            models,
-            runtimes: [None, None],
-            reference: None,
-            reference_texture: None,
-            pipeline,
-            output: None,
-        }
+        let display = Display::new(&window.device);
+        Self { window, models, runtimes: [None, None], reference: None, reference_texture: None, display, output: None }
     }
 
     pub fn model(&self, index: usize) -> &'a Model {
@@ -168,65 +111,29 @@ impl<'a> Screen<'a> {
     /// Puts the sides together at `size` pixels and gives the picture to egui.
     pub fn compose(&mut self, size: [u32; 2], sides: [Option<Side>; 2], look: &Look, part: Shown) -> TextureId {
         self.upload_reference(part);
-        let device = self.window.device.clone();
         if self.output.as_ref().is_none_or(|(texture, _)| [texture.width(), texture.height()] != size) {
             self.renew_output(size);
         }
         let (output, id) = self.output.as_ref().expect("made above");
-        let what = |at: usize| sides[at].map_or(What::Picture, |side| side.what) as u32;
         let split =
             if sides[1].is_some() { (look.split.clamp(0.0, 1.0) * size[0] as f32).round() as u32 } else { size[0] };
-        let uniforms = Display {
-            size,
-            split,
-            tone_curve: look.tone_curve as u32,
-            left: what(0),
-            right: what(1),
-            exposure: look.exposure,
-            difference: look.difference.max(f32::MIN_POSITIVE),
-        };
-        let uniforms = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some("display"),
-            contents: bytemuck::bytes_of(&uniforms),
-            usage: wgpu::BufferUsages::UNIFORM,
-        });
         let black = || picture_texture(&self.window, [1, 1], &[Rgb::ZERO]);
         let drawn = |at: usize| {
             let runtime = self.runtimes[at].as_ref().filter(|_| sides[at].is_some());
             runtime.and_then(|(_, runtime)| runtime.picture()).cloned().unwrap_or_else(black)
         };
-        let reference = self.reference_texture.as_ref().map_or_else(black, |(_, texture)| texture.clone());
-        let views = [drawn(0), drawn(1), reference, output.clone()].map(|t| t.create_view(&Default::default()));
-        let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
-        let texture = |i: usize| entry(i as u32 + 1, wgpu::BindingResource::TextureView(&views[i]));
-        let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("display"),
-            layout: &self.pipeline.get_bind_group_layout(0),
-            entries: &[entry(0, uniforms.as_entire_binding()), texture(0), texture(1), texture(2), texture(3)],
-        });
-        let mut encoder = device.create_command_encoder(&Default::default());
-        let mut pass = encoder.begin_compute_pass(&Default::default());
-        pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, &bind_group, &[]);
-        pass.dispatch_workgroups(size[0].div_ceil(8), size[1].div_ceil(8), 1);
-        drop(pass);
-        self.window.queue.submit([encoder.finish()]);
+        let frame = Frame {
+            what: [0, 1].map(|at| sides[at].map_or(What::Picture, |side| side.what)),
+            pictures: [drawn(0), drawn(1)],
+            reference: self.reference_texture.as_ref().map_or_else(black, |(_, texture)| texture.clone()),
+            split,
+        };
+        self.display.show(&self.window.device, &self.window.queue, &frame, look, output);
         *id
     }
 
-    fn renew_output(&mut self, [width, height]: [u32; 2]) {
-        let texture = self.window.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("display"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: SHOWN,
-            usage: wgpu::TextureUsages::STORAGE_BINDING
-                | wgpu::TextureUsages::TEXTURE_BINDING
-                | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
+    fn renew_output(&mut self, size: [u32; 2]) {
+        let texture = Display::output(&self.window.device, size);
         let view = texture.create_view(&Default::default());
         let (mut renderer, filter) = (self.window.renderer.write(), wgpu::FilterMode::Nearest);
         let id = match self.output.take() {
@@ -267,40 +174,4 @@ fn picture_texture(window: &RenderState, [width, height]: [u32; 2], pixels: &[Rg
         wgpu::util::TextureDataOrder::LayerMajor,
         bytemuck::cast_slice(&texels),
     )
-}
-
-/// 32-bit floats are not filterable everywhere, which a layout that follows from the shader would ask for.
-fn pipeline_layout(device: &wgpu::Device) -> wgpu::PipelineLayout {
-    let picture = wgpu::BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: false },
-        view_dimension: wgpu::TextureViewDimension::D2,
-        multisampled: false,
-    };
-    let uniforms = wgpu::BindingType::Buffer {
-        ty: wgpu::BufferBindingType::Uniform,
-        has_dynamic_offset: false,
-        min_binding_size: None,
-    };
-    let shown = wgpu::BindingType::StorageTexture {
-        access: wgpu::StorageTextureAccess::WriteOnly,
-        format: SHOWN,
-        view_dimension: wgpu::TextureViewDimension::D2,
-    };
-    let entries: Vec<_> = [uniforms, picture, picture, picture, shown]
-        .into_iter()
-        .zip(0..)
-        .map(|(ty, binding)| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility: wgpu::ShaderStages::COMPUTE,
-            ty,
-            count: None,
-        })
-        .collect();
-    let layout =
-        device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("display"), entries: &entries });
-    device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some("display"),
-        bind_group_layouts: &[Some(&layout)],
-        immediate_size: 0,
-    })
 }

@@ -35,17 +35,25 @@ impl Picture {
         write_whole(path, &self.to_png(exposure)).map_err(io)
     }
 
-    /// Writes scene-linear f32 radiance as OpenEXR; a file of that name is replaced only once the new one is whole.
-    pub fn write_exr(&self, path: &Path) -> Result<(), PictureError> {
+    /// Scene-linear f32 radiance as OpenEXR, as bytes.
+    ///
+    /// # Errors
+    /// What the encoder refuses.
+    pub fn to_exr(&self) -> exr::error::Result<Vec<u8>> {
         let channels = SpecificChannels::rgb(|at: exr::math::Vec2<usize>| {
             let radiance = self.pixel(at.x() as u32, at.y() as u32);
             (radiance.x, radiance.y, radiance.z)
         });
         let image = exr::image::Image::from_channels((self.width as usize, self.height as usize), channels);
         let mut bytes = Cursor::new(Vec::new());
-        let exr = |source| PictureError::Exr { path: path.to_owned(), source };
-        image.write().to_buffered(&mut bytes).map_err(exr)?;
-        write_whole(path, bytes.get_ref()).map_err(|source| PictureError::Io { path: path.to_owned(), source })
+        image.write().to_buffered(&mut bytes)?;
+        Ok(bytes.into_inner())
+    }
+
+    /// Writes scene-linear f32 radiance as OpenEXR; a file of that name is replaced only once the new one is whole.
+    pub fn write_exr(&self, path: &Path) -> Result<(), PictureError> {
+        let bytes = self.to_exr().map_err(|source| PictureError::Exr { path: path.to_owned(), source })?;
+        write_whole(path, &bytes).map_err(|source| PictureError::Io { path: path.to_owned(), source })
     }
 }
 
