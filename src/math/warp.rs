@@ -4,6 +4,8 @@ use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::{Vec2, Vec3};
 
+use super::LANES;
+
 /// Uniform on the unit disk, area preserving and continuous (Shirley and Chiu 1997).
 pub fn sample_concentric_disk(u: Vec2) -> Vec2 {
     let p = u * 2.0 - 1.0;
@@ -19,6 +21,28 @@ pub fn sample_concentric_disk(u: Vec2) -> Vec2 {
 pub fn sample_cosine_hemisphere(u: Vec2) -> Vec3 {
     let d = sample_concentric_disk(u);
     d.extend((1.0 - d.length_squared()).max(0.0).sqrt())
+}
+
+/// [`sample_cosine_hemisphere`] of LANES points, to within rounding: `[axis][lane]` from `[coordinate][lane]`.
+#[inline]
+pub fn sample_cosine_hemispheres(u: &[[f32; LANES]; 2]) -> [[f32; LANES]; 3] {
+    let mut directions = [[0.0; LANES]; 3];
+    for i in 0..LANES {
+        let (x, y) = (u[0][i] * 2.0 - 1.0, u[1][i] * 2.0 - 1.0);
+        let x_leads = x.abs() > y.abs();
+        let (radius, other) = if x_leads { (x, y) } else { (y, x) };
+        // At most π/4, where these polynomials of sine and cosine err by less than f32 rounds (Moshier, Cephes, sinf and cosf).
+        let angle = if radius == 0.0 { 0.0 } else { PI / 4.0 * (other / radius) };
+        let square = angle * angle;
+        let sin = ((-1.951_529_6e-4 * square + 8.332_161e-3) * square - 1.666_665_5e-1) * square * angle + angle;
+        let cos = ((2.443_315_7e-5 * square - 1.388_731_6e-3) * square + 4.166_664_6e-2) * square * square
+            - 0.5 * square
+            + 1.0;
+        directions[0][i] = radius * if x_leads { cos } else { sin };
+        directions[1][i] = radius * if x_leads { sin } else { cos };
+        directions[2][i] = (1.0 - radius * radius).max(0.0).sqrt();
+    }
+    directions
 }
 
 /// Per steradian.

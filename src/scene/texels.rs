@@ -241,6 +241,12 @@ impl TexelSampler {
         Self { fans, cumulative }
     }
 
+    /// The triangles that the texel's surface is cut into: mesh triangle, corners in its barycentric coordinates, and the share
+    /// of the area up to the end of each.
+    pub fn fans(&self) -> impl Iterator<Item = (u32, [Vec2; 3], f32)> + '_ {
+        self.fans.iter().zip(&self.cumulative).map(|(&(triangle, corners), &end)| (triangle, corners, end))
+    }
+
     /// The point for `u` in the unit square; equal areas of the square map to equal areas of the surface.
     pub fn sample(&self, u: [f32; 2]) -> TexelPoint {
         let fan = self.cumulative.partition_point(|&c| c <= u[0]).min(self.fans.len() - 1);

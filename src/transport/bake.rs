@@ -7,8 +7,8 @@ use glam::Vec2;
 use rayon::prelude::*;
 
 use super::Walk;
-use super::conditions::{Collected, LightSums};
-use super::gather::{Gather, Gatherer};
+use super::conditions::LightSums;
+use super::gather::{self, Gather};
 use crate::light::{Emitters, LightSet, LightingCondition};
 use crate::math::{Rgb, Sampler};
 use crate::progress::Progress;
@@ -62,7 +62,7 @@ impl BakeSettings {
         // Light table, colours and their doubles; per thread the sums of each light and the first half's row.
         let lights_bytes = lights * (128 + threads * 4 * size_of::<Rgb>());
         let noise = (tile / CHUNK + 2 + threads) * 2 * size_of::<f64>();
-        let gather = if self.integrator == Integrator::Path { 0 } else { lights * Gather::bytes_per_light(texels) };
+        let gather = if self.integrator == Integrator::Path { 0 } else { lights * Gather::bytes_per_light(texels, threads) };
         tile * row + threads * row + lights_bytes + noise + gather
     }
 
@@ -181,23 +181,11 @@ impl<'t, 'a> Baker<'t, 'a> {
         range: Range<usize>,
         progress: &dyn Progress,
     ) -> Result<BakedTexels, BakeError> {
-        let (walk, paths) = (self.walk(), self.settings.paths as usize);
-        let bake = |(gatherer, sums): &mut (Gatherer<'_, 'a>, Collected), texel: usize, halves: [&mut [f32]; 2]| {
-            if progress.cancelled() {
-                return;
-            }
-            let points = self.lightmap.sampler(&self.tracer.asset().mesh, texel);
-            gatherer.clear();
-            let mut sent = 0;
-            for (end, out) in [paths / 2, paths].into_iter().zip(halves) {
-                gather.texel(&walk, texel, &points, sent..end, gatherer);
-                gatherer.collect(sums);
-                sums.mix(&self.set, 1.0 / end.max(1) as f32, out);
-                sent = end;
-            }
-        };
-        let start = || (gather.gatherer(&walk, &self.set), Collected::new(&self.set));
-        self.each_texel(range, progress, start, |(gatherer, _)| gatherer.rays(), bake)
+        let walk = self.walk();
+        let start = || gather.gatherer(&walk, &self.set);
+        self.each_chunk(range, gather::TEXELS, progress, start, |gatherer| gatherer.rays(), |gatherer, texels, out, noise| {
+            gather.texels(&walk, texels, gatherer, out, noise, progress);
+        })
     }
 
     fn traced(&self, range: Range<usize>, progress: &dyn Progress) -> Result<BakedTexels, BakeError> {
@@ -220,22 +208,33 @@ impl<'t, 'a> Baker<'t, 'a> {
             }
             sums.indirect.mix(&self.set, 1.0 / paths as f32, out);
         };
-        self.each_texel(range, progress, || LightSums::new(&self.set, self.tracer), LightSums::rays, bake)
+        let start = || (LightSums::new(&self.set, self.tracer), vec![0f32; 3 * self.conditions()]);
+        self.each_chunk(range, CHUNK, progress, start, |(sums, _)| sums.rays(), |(sums, first_half), texels, rows, noise| {
+            let n = self.conditions();
+            for (texel, out) in texels.zip(rows.chunks_mut((3 * n).max(1))) {
+                bake(sums, texel, [first_half, out]);
+                for channel in 0..3 {
+                    let values = channel * n..(channel + 1) * n;
+                    noise.add(0..n, &out[values.clone()], &first_half[values], self.lightmap.texels[texel].area);
+                }
+            }
+        })
     }
 
     fn walk(&self) -> Walk<'_, 'a> {
         Walk { tracer: self.tracer, emitters: self.emitters.as_ref(), max_bounces: self.settings.max_bounces }
     }
 
-    /// Bakes a range texel by texel. `start` readies a thread, `rays` tells how many it has cast, and `bake` writes a texel's
-    /// row from the first half of its paths and from all of them.
-    fn each_texel<S>(
+    /// Bakes a range, `size` texels at a time. `start` readies a thread, `rays` tells how many it has cast, and `bake` writes the
+    /// rows of some texels and adds up their noise.
+    fn each_chunk<S>(
         &self,
         range: Range<usize>,
+        size: usize,
         progress: &dyn Progress,
         start: impl Fn() -> S + Sync + Send,
         rays: impl Fn(&S) -> u64 + Sync + Send,
-        bake: impl Fn(&mut S, usize, [&mut [f32]; 2]) + Sync + Send,
+        bake: impl Fn(&mut S, Range<usize>, &mut [f32], &mut NoiseSums) + Sync + Send,
     ) -> Result<BakedTexels, BakeError> {
         let n = self.conditions();
         let row = 3 * n;
@@ -243,23 +242,18 @@ impl<'t, 'a> Baker<'t, 'a> {
         let so_far = NoiseSoFar::default();
         // Each chunk's share of the noise is kept apart and summed in order, so that rounding does not depend on the threads.
         let shares: Vec<(NoiseSums, u64)> = indirect
-            .par_chunks_mut((CHUNK * row).max(1))
+            .par_chunks_mut((size * row).max(1))
             .enumerate()
-            .map_init(
-                || (start(), vec![0f32; row]),
-                |(state, first_half), (chunk, rows)| {
-                    let mut noise = NoiseSums::new(n);
-                    let rays_before = rays(state);
-                    for (i, out) in rows.chunks_mut(row).enumerate() {
-                        let texel = range.start + chunk * CHUNK + i;
-                        bake(state, texel, [first_half, out]);
-                        noise.add(out, first_half, self.settings.paths, self.lightmap.texels[texel].area);
-                        progress.advance(1);
-                    }
-                    so_far.add(&noise, progress);
-                    (noise, rays(state) - rays_before)
-                },
-            )
+            .map_init(&start, |state, (chunk, rows)| {
+                let mut noise = NoiseSums::new(n);
+                let rays_before = rays(state);
+                let first = range.start + chunk * size;
+                let texels = first..(first + size).min(range.end);
+                bake(state, texels.clone(), rows, &mut noise);
+                progress.advance(texels.len() as u64);
+                so_far.add(&noise, progress);
+                (noise, rays(state) - rays_before)
+            })
             .collect();
         if progress.cancelled() {
             return Err(BakeError::Cancelled);
@@ -371,18 +365,21 @@ impl NoiseSums {
         Self { squared_noise: vec![0.0; n], squared_signal: vec![0.0; n] }
     }
 
-    /// From the mean over all paths and the mean over the first half: with halves A and B the mean is (A + B)/2 and its
-    /// variance estimate ((A − B)/2)², which is (A − mean)².
-    fn add(&mut self, mean: &[f32], first_half: &[f32], paths: u32, area: f32) {
-        let n = self.squared_noise.len();
-        for channel in 0..3 {
-            for c in 0..n {
-                let m = mean[channel * n + c] as f64;
-                let d = if paths < 2 { m } else { first_half[channel * n + c] as f64 - m };
-                self.squared_noise[c] += area as f64 * d * d;
-                self.squared_signal[c] += area as f64 * m * m;
-            }
+    /// Adds one channel of a texel under the conditions `of`: from the mean over all paths and the mean over the first half, which is
+    /// zero where there is but one path. With halves A and B the mean is (A + B)/2 and its variance estimate ((A − B)/2)², which is
+    /// (A − mean)².
+    pub(super) fn add(&mut self, of: Range<usize>, mean: &[f32], first_half: &[f32], area: f32) {
+        let sums = self.squared_noise[of.clone()].iter_mut().zip(&mut self.squared_signal[of]);
+        for ((noise, signal), (&mean, &half)) in sums.zip(mean.iter().zip(first_half)) {
+            let (m, d) = (mean as f64, half as f64 - mean as f64);
+            *noise += area as f64 * d * d;
+            *signal += area as f64 * m * m;
         }
+    }
+
+    /// Values that a texel has under these conditions.
+    pub(super) fn row(&self) -> usize {
+        3 * self.squared_noise.len()
     }
 
     /// Adds the sums of other texels.

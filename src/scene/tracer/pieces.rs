@@ -13,7 +13,10 @@
 
 use glam::{DVec3, Vec3};
 
+use super::lanes::lanes;
+use super::packet::Hits;
 use super::simd16::{F32x16, dot, splat};
+use super::Segments;
 use crate::math::LANES;
 use crate::scene::Hit;
 
@@ -148,6 +151,41 @@ impl Pieces {
         Answer::Hit(block.hit(lane, best, u, v))
     }
 
+    /// What the rays of `active` hit, and those of which the exact test must be asked.
+    #[inline]
+    pub fn closest_of_each(&self, origins: &Segments, directions: &Segments, active: u32) -> (Hits, u32) {
+        let load = |[x, y, z]: &Segments| [F32x16::load(x), F32x16::load(y), F32x16::load(z)];
+        let (o, d) = (load(origins), load(directions));
+        let (zero, k) = (F32x16::splat(0.0), band(self.size, &o, &d));
+        let far = F32x16::splat(f32::INFINITY);
+        let mut t = far;
+        let [mut u, mut v, mut certainty, mut piece] = [zero; 4];
+        for (i, block) in self.blocks.iter().enumerate() {
+            for lane in 0..block.present.count_ones() as usize {
+                let met = block.meet_with(lane, &o, &d);
+                let slack = met.per_slope.abs() * k;
+                let near = zero.at_most(met.margin + slack);
+                let nearer = near.and(zero.below(met.t)).and(met.t.below(t));
+                t = t.replace(met.t, nearer);
+                u = u.replace(met.u, nearer);
+                v = v.replace(met.v, nearer);
+                certainty = certainty.replace(met.margin - slack, nearer);
+                // A number's bits, which nothing but this reads.
+                piece = piece.replace(F32x16::splat(f32::from_bits((i * LANES + lane) as u32)), nearer);
+            }
+        }
+        let mut hits = Hits { t: t.to_array(), u: u.to_array(), v: v.to_array(), ..Hits::NONE };
+        hits.hit = t.below(far).bits() & active;
+        let piece = piece.to_array();
+        for ray in lanes(hits.hit) {
+            let at = piece[ray].to_bits() as usize;
+            let hit = self.blocks[at / LANES].hit(at % LANES, hits.t[ray], hits.u[ray], hits.v[ray]);
+            (hits.triangle[ray], hits.u[ray], hits.v[ray]) = (hit.triangle, hit.u, hit.v);
+        }
+        let unsure = certainty.at_most(zero).bits() & hits.hit;
+        (hits, unsure)
+    }
+
     /// Whether any hit with 0 < t < `t_max`; `None` to ask the exact test.
     #[inline(always)]
     pub fn any(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<bool> {
@@ -183,6 +221,7 @@ struct Met {
 }
 
 impl Block {
+    /// All pieces and the same ray in every lane.
     #[inline(always)]
     fn meet(&self, o: &[F32x16; 3], d: &[F32x16; 3]) -> Met {
         let per_slope = F32x16::splat(-1.0) / dot(&self.gradient(2), d);
@@ -192,6 +231,25 @@ impl Block {
         let within = F32x16::splat(1.0) - u.abs().max(v.abs());
         let below_limit = (u + v).neg_mul_add(F32x16::splat(0.5), F32x16::load(&self.half_limit));
         Met { t, u, v, margin: within.min(below_limit), per_slope }
+    }
+
+    /// One piece, and a ray in every lane.
+    #[inline(always)]
+    fn meet_with(&self, piece: usize, o: &[F32x16; 3], d: &[F32x16; 3]) -> Met {
+        let factor = |f: usize, i: usize| F32x16::splat(self.functions[f][i][piece]);
+        let linear = |f: usize, p: &[F32x16; 3], one: F32x16| {
+            factor(f, 2).mul_add(p[2], factor(f, 1).mul_add(p[1], factor(f, 0).mul_add(p[0], one)))
+        };
+        let slope = factor(2, 2).mul_add(d[2], factor(2, 1).mul_add(d[1], factor(2, 0) * d[0]));
+        let per_slope = F32x16::splat(-1.0) / slope;
+        let t = linear(2, o, factor(2, 3)) * per_slope;
+        let at = [d[0].mul_add(t, o[0]), d[1].mul_add(t, o[1]), d[2].mul_add(t, o[2])];
+        let (u, v) = (linear(0, &at, factor(0, 3)), linear(1, &at, factor(1, 3)));
+        let mut margin = F32x16::splat(1.0) - u.abs().max(v.abs());
+        if self.triangles >> piece & 1 != 0 {
+            margin = margin.min((u + v) * F32x16::splat(-0.5));
+        }
+        Met { t, u, v, margin, per_slope }
     }
 
     #[inline(always)]

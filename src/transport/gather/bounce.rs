@@ -2,16 +2,16 @@
 //! G gathers what they reflect of the indirect light (Goral et al., *Modeling the Interaction of Light Between Diffuse
 //! Surfaces*, 1984; G sampled by rays instead of integrated). Solved by Jacobi iterations for all lights at once.
 
-use glam::Vec2;
 use rayon::prelude::*;
 
-use super::Rays;
 use super::direct::Direct;
 use super::patches::Patches;
-use super::rows::{Rows, Term, narrowed, place};
+use super::rays::Rays;
+use super::receivers::Receivers;
+use super::rows::{BLOCK, Block, Line, Rows, Term, lines, narrow};
 use super::samples::SampleTable;
 use crate::light::LightSet;
-use crate::math::Rgb;
+use crate::math::{LANES, Rgb};
 use crate::math::sampler::mix64;
 use crate::progress::Progress;
 use crate::scene::Lightmap;
@@ -24,15 +24,28 @@ pub struct Bounced {
     pub rays: u64,
 }
 
+/// What a patch receives.
+struct Received {
+    /// Of other patches: a row of the operator.
+    patches: Vec<Term>,
+    /// Of texels' direct light.
+    texels: Vec<Term>,
+    /// What was path traced, `[channel][column]`.
+    traced: Option<Vec<f32>>,
+}
+
 /// Separates these samples from those of the final gather.
 const PATCH_STREAM: u64 = 0x0070_6174_6368;
 
 /// Paths of a texel for each ray of a patch: what patches send each other meets in many texels. On the Cornell box the error
 /// with 2 is that with 1; with 4 it is 1 % of itself higher.
-const PATHS_PER_RAY: u32 = 2;
+pub const PATHS_PER_RAY: u32 = 2;
 
 /// Light that has faded to this share of the first bounce's is not bounced on.
 const FADED: f32 = 1e-3;
+
+/// Patches whose rays a thread sends together.
+const PATCHES_AT_A_TIME: usize = 16;
 
 impl Bounced {
     pub fn new(
@@ -44,39 +57,24 @@ impl Bounced {
         settings: &BakeSettings,
         progress: &dyn Progress,
     ) -> Result<Self, BakeError> {
-        let columns = direct.light.columns();
-        let width = 3 * columns;
-        let own = patch_means(patches, &direct.light);
         progress.begin("bounce", patches.len() as u64, "patches");
         let samples = SampleTable::new(settings.seed ^ PATCH_STREAM, (settings.paths / PATHS_PER_RAY).max(1));
         // A path that has used its bounces up to here still takes the one to the texel.
         let walk = Walk { max_bounces: settings.max_bounces.saturating_sub(1), ..*walk };
-        let mut once = vec![0f32; patches.len() * width];
-        let gathered: Vec<(Vec<Term>, u64)> = once
-            .par_chunks_mut(width)
-            .enumerate()
+        let starts: Vec<usize> = (0..patches.len()).step_by(PATCHES_AT_A_TIME).collect();
+        let received: Vec<(Vec<Received>, u64)> = starts
+            .par_iter()
             .map_init(
                 || Rays::new(&walk, set),
-                |rays, (patch, once)| {
-                    if progress.cancelled() || walk.max_bounces == 0 {
+                |rays, &start| {
+                    if progress.cancelled() {
                         return (Vec::new(), 0);
                     }
-                    let before = rays.sent + rays.traced.rays();
-                    send(&walk, lightmap, patches, &samples, settings, patch, rays);
-                    let weight = 1.0 / samples.count() as f32;
-                    let found = &mut rays.found;
-                    found.patches.iter_mut().chain(&mut found.texels).for_each(|term| term.weight *= weight);
-                    own.add(&found.patches, once);
-                    direct.light.add(&found.texels, once);
-                    let traced = &rays.traced.indirect;
-                    for (column, &sum) in traced.lights.iter().chain([&traced.emission]).enumerate() {
-                        for channel in 0..3 {
-                            once[place(3, columns, channel, column)] += sum[channel] * weight;
-                        }
-                    }
-                    progress.advance(1);
-                    let terms = merged(rays.found.patches.clone());
-                    (terms, rays.sent + rays.traced.rays() - before)
+                    let before = rays.sent();
+                    let some = start..(start + PATCHES_AT_A_TIME).min(patches.len());
+                    progress.advance(some.len() as u64);
+                    let columns = direct.light.columns();
+                    (receive(&walk, lightmap, patches, &samples, settings, some, columns, rays), rays.sent() - before)
                 },
             )
             .collect();
@@ -84,39 +82,61 @@ impl Bounced {
         if progress.cancelled() {
             return Err(BakeError::Cancelled);
         }
-        let operator: Vec<&[Term]> = gathered.iter().map(|(terms, _)| &terms[..]).collect();
-        let rays = gathered.iter().map(|(_, rays)| rays).sum();
-        let indirect = solve(&operator, &once, columns, settings.max_bounces, progress)?;
-        Ok(Self { light: sum(&own, &indirect, columns), rays })
+        let rays = received.iter().map(|(_, rays)| rays).sum();
+        let received: Vec<Received> = received.into_iter().flat_map(|(received, _)| received).collect();
+        // b itself has bounced once, and the last bounce is the final gather's.
+        let bounces = bounces_until_faded(&received, settings.max_bounces.saturating_sub(2));
+        let mut light = Rows::new(patches.len(), 3, direct.light.columns());
+        let blocks = direct.light.blocks();
+        for (columns, out) in blocks.zip(light.blocks_mut()) {
+            if progress.cancelled() {
+                return Err(BakeError::Cancelled);
+            }
+            solve(&received, patches, direct.light.block(&columns), columns.start, bounces, out);
+        }
+        Ok(Self { light, rays })
     }
 }
 
-/// Sends all rays of a patch, from points uniform by area.
-fn send<'a>(
+/// Sends all rays of some patches, from points uniform by area.
+fn receive<'a>(
     walk: &Walk<'_, 'a>,
     lightmap: &Lightmap,
     patches: &Patches,
     samples: &SampleTable,
     settings: &BakeSettings,
-    patch: usize,
+    some: std::ops::Range<usize>,
+    columns: usize,
     rays: &mut Rays<'_, 'a>,
-) {
-    let texels = patches.texels(patch);
-    let stream = lightmap.texels[texels[0].0 as usize].index as u64;
-    let samples_here = samples.of(settings.seed ^ mix64(PATCH_STREAM), stream);
-    let points: Vec<_> =
-        texels.iter().map(|&(texel, _)| lightmap.sampler(&walk.tracer.asset().mesh, texel as usize)).collect();
-    rays.found.clear();
-    rays.traced.clear();
-    for i in 0..samples.count() {
-        let [u0, u1, u2, u3] = samples_here.point(i);
-        // What is left of u0 inside its texel's share serves again.
-        let t = texels.partition_point(|&(_, end)| end <= u0).min(texels.len() - 1);
-        let start = if t == 0 { 0.0 } else { texels[t - 1].1 };
-        let rest = ((u0 - start) / (texels[t].1 - start).max(f32::MIN_POSITIVE)).clamp(0.0, 1.0 - f32::EPSILON);
-        let receiver = patches.front(points[t].sample([rest, u1]));
-        rays.send(walk, patches, receiver, Vec2::new(u2, u3), &samples_here, i);
+) -> Vec<Received> {
+    let mesh = &walk.tracer.asset().mesh;
+    let samples_of = |patch: usize| {
+        let first = patches.texels(patch)[0].0;
+        samples.of(settings.seed ^ mix64(PATCH_STREAM), lightmap.texels[first as usize].index as u64)
+    };
+    let mut receivers = Receivers::default();
+    rays.open(some.len());
+    for patch in some.clone() {
+        receivers.clear();
+        let mut start = 0.0;
+        for &(texel, end) in patches.texels(patch) {
+            receivers.add(mesh, &lightmap.sampler(mesh, texel as usize), start, end);
+            start = end;
+        }
+        let account = patch - some.start;
+        rays.send(walk, patches, &receivers, &samples_of(patch), samples.count(), |_| account);
     }
+    rays.finish(walk, patches, |account| samples_of(some.start + account), columns);
+    let weight = 1.0 / samples.count() as f32;
+    let of_account = |account: usize| {
+        let scaled = |terms: &[Term]| terms.iter().map(|t| Term { weight: t.weight * weight, ..*t }).collect();
+        Received {
+            patches: merged(scaled(&rays.found[account].patches)),
+            texels: merged(scaled(&rays.found[account].texels)),
+            traced: rays.traced_for(account).map(|light| light.iter().map(|value| value * weight).collect()),
+        }
+    };
+    (0..some.len()).map(of_account).collect()
 }
 
 /// Terms of one row become one.
@@ -132,32 +152,12 @@ fn merged(mut terms: Vec<Term>) -> Vec<Term> {
     terms
 }
 
-/// Area-weighted means over each patch's texels.
-fn patch_means(patches: &Patches, texels: &Rows) -> Rows {
-    let mut means = texels.like(patches.len());
-    let stride = means.stride();
-    means.values_mut().par_chunks_mut(stride).enumerate().for_each_init(
-        || (vec![0f32; stride], vec![0f32; stride]),
-        |(sum, row), (patch, out)| {
-            sum.fill(0.0);
-            let mut start = 0.0;
-            for &(texel, end) in patches.texels(patch) {
-                texels.widen(texel as usize, row);
-                sum.iter_mut().zip(&*row).for_each(|(sum, light)| *sum += (end - start) * light);
-                start = end;
-            }
-            out.iter_mut().zip(&*sum).for_each(|(out, &sum)| *out = narrowed(sum, patch));
-        },
-    );
-    means
-}
-
 /// Bounces after which light has faded, counted from the first: a property of the asset alone, so that every batch of lights
 /// takes as many.
-fn bounces_until_faded(operator: &[&[Term]], most: u32) -> u32 {
+fn bounces_until_faded(operator: &[Received], most: u32) -> u32 {
     let mut light = vec![Rgb::ONE; operator.len()];
     for bounce in 0..most {
-        let gather = |terms: &&[Term]| terms.iter().map(|t| t.weight * light[t.row as usize]).sum::<Rgb>();
+        let gather = |row: &Received| row.patches.iter().map(|t| t.weight * light[t.row as usize]).sum::<Rgb>();
         let next: Vec<Rgb> = operator.par_iter().map(gather).collect();
         light = next;
         if light.iter().all(|l| l.max_element() < FADED) {
@@ -167,53 +167,75 @@ fn bounces_until_faded(operator: &[&[Term]], most: u32) -> u32 {
     most
 }
 
-/// Solves E = b + G E; `once` holds a row of three planes a patch.
+/// Solves E = b + G E for the block of columns that begins with `first`, all of whose arrays stay in the cache together, and
+/// writes the patches' light to `out`, `[patch][channel][column]`.
 fn solve(
-    operator: &[&[Term]],
-    once: &[f32],
-    columns: usize,
-    max_bounces: u32,
-    progress: &dyn Progress,
-) -> Result<Rows, BakeError> {
-    let width = 3 * columns;
-    let mut light = Rows::new(operator.len(), 3, columns);
-    light.values_mut().par_chunks_mut(width).enumerate().for_each(|(patch, out)| {
-        out.iter_mut().zip(&once[patch * width..]).for_each(|(out, &value)| *out = narrowed(value, patch));
-    });
-    // b itself has bounced once, and the last bounce is the final gather's.
-    for _ in 0..bounces_until_faded(operator, max_bounces.saturating_sub(2)) {
-        if progress.cancelled() {
-            return Err(BakeError::Cancelled);
+    received: &[Received],
+    patches: &Patches,
+    direct: Block,
+    first: usize,
+    bounces: u32,
+    out: &mut [Line],
+) {
+    let width = direct.width;
+    let own = patch_means(patches, direct);
+    let own = Block::new(&own, direct.planes, width);
+    let mut once = vec![0f32; received.len() * 3 * width];
+    once.par_chunks_mut(3 * width).zip(received).with_min_len(LEAST_PATCHES).for_each(|(once, received)| {
+        own.add(&received.patches, once);
+        direct.add(&received.texels, once);
+        if let Some(traced) = &received.traced {
+            for (sums, traced) in once.chunks_exact_mut(width).zip(traced.chunks_exact(traced.len() / 3)) {
+                sums.iter_mut().zip(&traced[first..]).for_each(|(sum, traced)| *sum += traced);
+            }
         }
-        let mut next = Rows::new(operator.len(), 3, columns);
-        next.values_mut().par_chunks_mut(width).enumerate().for_each_init(
-            || vec![0f32; width],
-            |sum, (patch, out)| {
-                sum.copy_from_slice(&once[patch * width..(patch + 1) * width]);
-                light.add(operator[patch], sum);
-                out.iter_mut().zip(&*sum).for_each(|(out, &sum)| *out = narrowed(sum, patch));
-            },
-        );
-        light = next;
+    });
+    // A row of `once`, to which `row` adds.
+    let each = |out: &mut [Line], row: &(dyn Fn(usize, &mut [f32]) + Sync)| {
+        out.par_chunks_mut(3 * lines(width)).enumerate().with_min_len(LEAST_PATCHES).for_each(|(patch, out)| {
+            let mut sums = [0f32; 3 * BLOCK];
+            let sums = &mut sums[..3 * width];
+            sums.copy_from_slice(&once[patch * 3 * width..][..3 * width]);
+            row(patch, sums);
+            narrow(sums, patch, out);
+        });
+    };
+    let mut light = vec![Line::default(); out.len()];
+    each(&mut light, &|_, _| {});
+    for _ in 0..bounces {
+        let before = Block::new(&light, 3, width);
+        each(out, &|patch, sums| before.add(&received[patch].patches, sums));
+        light.copy_from_slice(out);
     }
-    Ok(light)
+    // Direct and indirect light together.
+    let size = lines(width);
+    for (patch, (out, indirect)) in out.chunks_exact_mut(3 * size).zip(light.chunks_exact(3 * size)).enumerate() {
+        let own = own.row(patch);
+        for (i, (out, indirect)) in out.iter_mut().zip(indirect).enumerate() {
+            let (own, indirect) = (own[i % own.len()].widened(), indirect.widened());
+            *out = Line::narrowed(&std::array::from_fn(|k| own[k] + indirect[k]), patch);
+        }
+    }
 }
 
-/// Direct and indirect light together.
-fn sum(direct: &Rows, indirect: &Rows, columns: usize) -> Rows {
-    let (width, planes) = (3 * columns, direct.stride() / columns);
-    let mut rows = indirect.like(indirect.count());
-    rows.values_mut().par_chunks_mut(width).enumerate().for_each_init(
-        || (vec![0f32; direct.stride()], vec![0f32; width]),
-        |(own, reflected), (patch, total)| {
-            direct.widen(patch, own);
-            indirect.widen(patch, reflected);
-            for (channel, column) in (0..3).flat_map(|channel| (0..columns).map(move |column| (channel, column))) {
-                let at = place(3, columns, channel, column);
-                let own = own[place(planes, columns, channel.min(planes - 1), column)];
-                total[at] = narrowed(own + reflected[at], patch);
+/// Patches worth handing to a thread.
+const LEAST_PATCHES: usize = 16;
+
+/// Area-weighted means over each patch's texels, `[patch][plane][line]`.
+fn patch_means(patches: &Patches, texels: Block) -> Vec<Line> {
+    let size = texels.planes * lines(texels.width);
+    let mut means = vec![Line::default(); patches.len() * size];
+    means.par_chunks_mut(size).enumerate().with_min_len(LEAST_PATCHES).for_each(|(patch, out)| {
+        for (i, out) in out.iter_mut().enumerate() {
+            let mut start = 0.0;
+            let mut sums = [0f32; 2 * LANES];
+            for &(texel, end) in patches.texels(patch) {
+                let light = texels.row(texel as usize)[i].widened();
+                sums.iter_mut().zip(light).for_each(|(sum, light)| *sum += (end - start) * light);
+                start = end;
             }
-        },
-    );
-    rows
+            *out = Line::narrowed(&sums, patch);
+        }
+    });
+    means
 }

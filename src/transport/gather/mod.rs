@@ -2,7 +2,7 @@
 //!
 //! 1. *Direct* (`direct.rs`): the direct light of every light at every texel.
 //! 2. *Bounce* (`bounce.rs`): indirect light between patches of texels, by Jacobi iterations.
-//! 3. *Final gather* (here): rays from every texel, which read at their hits the whole light of the patch there. A hit so near
+//! 3. *Final gather* (here, rays in `rays.rs`): rays from every texel, which read at their hits the whole light of the patch there. A hit so near
 //!    that its patch would show reads the direct light of its texel instead, and the ray goes on (Reichert, *A Two-Pass
 //!    Radiosity Method Driven by Lights and Viewer Position*, 1992).
 //!
@@ -13,25 +13,27 @@
 mod bounce;
 mod direct;
 mod patches;
+mod rays;
+mod receivers;
 mod rows;
 mod samples;
 
 use std::ops::Range;
 
-use glam::{Vec2, Vec3};
-
 use self::bounce::Bounced;
 use self::direct::Direct;
-use self::patches::{Patches, Place};
-use self::rows::{Term, place};
-use self::samples::{SampleTable, Samples};
-use super::conditions::{Collected, LightSums};
-use super::path::Collector;
+use self::patches::Patches;
+use self::rays::Rays;
+use self::receivers::Receivers;
+use self::rows::{BLOCK, Term};
+use self::samples::SampleTable;
+use super::bake::NoiseSums;
+use super::conditions::Collected;
 use super::{BakeError, BakeSettings, Walk};
 use crate::light::LightSet;
-use crate::math::{Frame, Rgb, warp};
+use crate::math::Rgb;
 use crate::progress::Progress;
-use crate::scene::{Lightmap, Surface, TexelPoint, TexelSampler};
+use crate::scene::Lightmap;
 
 /// Everything that the final gather of a texel reads.
 pub struct Gather<'t, 'a> {
@@ -41,16 +43,25 @@ pub struct Gather<'t, 'a> {
     bounced: Bounced,
     samples: SampleTable,
     seed: u64,
+    /// Whether light i is all that condition i has.
+    one_each: bool,
+    /// Per light and channel.
+    colours: [Vec<f32>; 3],
     /// Rays that went into it.
     pub rays: u64,
 }
 
-/// Sends one thread's rays, and adds up the light that they find.
-pub struct Gatherer<'t, 'a> {
-    rays: Rays<'t, 'a>,
-    /// A row of three planes, for a weight of 1 a ray.
-    read: Vec<f32>,
+/// Gathers the light of some texels on one thread.
+pub struct Gatherer<'w, 'a> {
+    rays: Rays<'w, 'a>,
+    set: &'w LightSet,
+    receivers: Receivers,
+    /// Where conditions have several lights, `[texel][half][channel][column]`: sums over the first half of the rays, and all.
+    sums: Vec<f32>,
 }
+
+/// Texels that are gathered together: their rays go on together, and read a block of columns after the other.
+pub const TEXELS: usize = 64;
 
 impl<'t, 'a> Gather<'t, 'a> {
     /// Measures the direct light of `set` and bounces it between patches.
@@ -69,161 +80,166 @@ impl<'t, 'a> Gather<'t, 'a> {
         let bounced = Bounced::new(walk, lightmap, set, &patches, &direct, settings, progress)?;
         let samples = SampleTable::new(settings.seed, settings.paths);
         let rays = direct.rays + bounced.rays;
-        Ok(Self { lightmap, patches, direct, bounced, samples, seed: settings.seed, rays })
+        let lights = 0..set.len();
+        let one_each = walk.emitters.is_none()
+            && set.len() == set.condition_count()
+            && lights.clone().all(|light| set.condition(light) == light);
+        let colours = [0, 1, 2].map(|channel| lights.clone().map(|light| set.colour(light)[channel]).collect());
+        Ok(Self { lightmap, patches, direct, bounced, samples, seed: settings.seed, one_each, colours, rays })
     }
 
-    /// Bytes held for each light while a lightmap of `texels` texels is gathered.
-    pub fn bytes_per_light(texels: usize) -> usize {
-        // A bfloat16 a texel, three where the light is coloured; per patch the direct light, three channels of what has bounced
-        // once, and two rows of the iteration.
-        3 * 2 * texels + (3 * 2 + 3 * 4 + 2 * 3 * 2) * Patches::most(texels)
+    /// Bytes held for each light while a lightmap of `texels` texels is gathered on `threads` threads.
+    pub fn bytes_per_light(texels: usize, threads: usize) -> usize {
+        // A bfloat16 a texel, three where the light is coloured; per patch three of all its light; per thread sums of some texels.
+        3 * 2 * texels + 3 * 2 * Patches::most(texels) + threads * TEXELS * 2 * 3 * size_of::<f32>()
     }
 
-    /// Bytes held however many lights there are: sample tables, the patches' operator, where texels and patches lie.
+    /// Bytes held however many lights there are: sample tables, the patches' operator, where texels and patches lie, and what a
+    /// block of columns takes while light is bounced.
     pub fn bytes_fixed(texels: usize, paths: usize) -> usize {
-        let terms = Patches::most(texels) * paths * size_of::<Term>();
-        2 * SampleTable::bytes(paths) + terms + 32 * texels
+        // Near hits read two rows of a ray.
+        let terms = 2 * Patches::most(texels) * (paths / bounce::PATHS_PER_RAY as usize).max(1) * size_of::<Term>();
+        // Light that has bounced once, in f32; that of the iteration, twice; direct light.
+        let block = Patches::most(texels) * BLOCK * 3 * (4 + 2 + 2 + 2);
+        2 * SampleTable::bytes(paths) + terms + block + 32 * texels
     }
 
     pub fn gatherer<'w>(&self, walk: &Walk<'w, 'a>, set: &'w LightSet) -> Gatherer<'w, 'a> {
-        Gatherer { rays: Rays::new(walk, set), read: vec![0.0; 3 * self.direct.light.columns()] }
+        Gatherer { rays: Rays::new(walk, set), set, receivers: Receivers::default(), sums: Vec::new() }
     }
 
-    /// Sends the rays `range` of a texel, and adds the light that they find to `gatherer`.
-    pub fn texel(
+    /// Gathers the light of some texels into `out`, `[texel][channel][condition]`, and adds their noise to `noise`. Returns early
+    /// where `progress` says so.
+    pub fn texels(
         &self,
         walk: &Walk<'_, 'a>,
-        texel: usize,
-        points: &TexelSampler,
-        range: Range<usize>,
+        texels: Range<usize>,
         gatherer: &mut Gatherer<'_, 'a>,
+        out: &mut [f32],
+        noise: &mut NoiseSums,
+        progress: &dyn Progress,
     ) {
-        let samples = self.samples.of(self.seed, self.lightmap.texels[texel].index as u64);
-        gatherer.rays.found.clear();
-        for i in range {
-            let [u0, u1, u2, u3] = samples.point(i);
-            let receiver = self.patches.front(points.sample([u0, u1]));
-            gatherer.rays.send(walk, &self.patches, receiver, Vec2::new(u2, u3), &samples, i);
+        let Gatherer { rays, receivers, .. } = gatherer;
+        let mesh = &walk.tracer.asset().mesh;
+        let samples_of = |texel: usize| self.samples.of(self.seed, self.lightmap.texels[texel].index as u64);
+        let half = self.samples.count() / 2;
+        rays.open(2 * texels.len());
+        for texel in texels.clone() {
+            if progress.cancelled() {
+                return;
+            }
+            receivers.clear();
+            receivers.add(mesh, &self.lightmap.sampler(mesh, texel), 0.0, 1.0);
+            let account = |point: usize| 2 * (texel - texels.start) + usize::from(point >= half);
+            rays.send(walk, &self.patches, receivers, &samples_of(texel), self.samples.count(), account);
         }
-        self.bounced.light.add(&gatherer.rays.found.patches, &mut gatherer.read);
-        self.direct.light.add(&gatherer.rays.found.texels, &mut gatherer.read);
+        let columns = self.direct.light.columns();
+        rays.finish(walk, &self.patches, |account| samples_of(texels.start + account / 2), columns);
+        if self.one_each {
+            self.read(gatherer, &texels, |texel, columns, [first_half, all]| {
+                self.mix(texel, columns, first_half, all, &mut out[(texel - texels.start) * noise.row()..], noise);
+            });
+        } else {
+            self.mix_several(gatherer, &texels, out, noise);
+        }
+    }
+
+    /// Adds up what the rays of `texels` found: hands each texel and block of columns to `visit` with the sums over the first half
+    /// of the rays and over all, `[channel][column of the block]`.
+    fn read(
+        &self,
+        gatherer: &Gatherer,
+        texels: &Range<usize>,
+        mut visit: impl FnMut(usize, &Range<usize>, [&[f32]; 2]),
+    ) {
+        for columns in self.direct.light.blocks() {
+            let (patches, direct) = (self.bounced.light.block(&columns), self.direct.light.block(&columns));
+            let width = columns.len();
+            for texel in texels.clone() {
+                let (mut all, mut first_half) = ([0f32; 3 * BLOCK], [0f32; 3 * BLOCK]);
+                let all = &mut all[..3 * width];
+                for half in 0..2 {
+                    let account = 2 * (texel - texels.start) + half;
+                    patches.add(&gatherer.rays.found[account].patches, all);
+                    direct.add(&gatherer.rays.found[account].texels, all);
+                    if let Some(traced) = gatherer.rays.traced_for(account) {
+                        for (sums, traced) in all.chunks_exact_mut(width).zip(traced.chunks_exact(traced.len() / 3)) {
+                            sums.iter_mut().zip(&traced[columns.start..]).for_each(|(sum, traced)| *sum += traced);
+                        }
+                    }
+                    if half == 0 {
+                        first_half[..3 * width].copy_from_slice(all);
+                    }
+                }
+                visit(texel, &columns, [&first_half[..3 * width], all]);
+            }
+        }
+    }
+
+    /// Means over rays of lights that are conditions, and their noise.
+    fn mix(
+        &self,
+        texel: usize,
+        columns: &Range<usize>,
+        first_half: &[f32],
+        all: &[f32],
+        out: &mut [f32],
+        noise: &mut NoiseSums,
+    ) {
+        let n = noise.squared_noise.len();
+        let conditions = columns.start..columns.end.min(n);
+        let paths = self.samples.count();
+        let (of_half, of_all) = (1.0 / (paths / 2).max(1) as f32, 1.0 / paths as f32);
+        let mut half_mean = [0f32; BLOCK];
+        let width = columns.len();
+        for channel in 0..3 {
+            let colours = &self.colours[channel][conditions.clone()];
+            let out = &mut out[channel * n..][conditions.clone()];
+            let sums = first_half[channel * width..].iter().zip(&all[channel * width..]);
+            for (((out, half_mean), colour), (first_half, all)) in out.iter_mut().zip(&mut half_mean).zip(colours).zip(sums) {
+                *half_mean = first_half * (colour * of_half);
+                *out = all * (colour * of_all);
+            }
+            noise.add(conditions.clone(), out, &half_mean[..conditions.len()], self.lightmap.texels[texel].area);
+        }
+    }
+
+    /// The same where lights are not conditions.
+    fn mix_several(&self, gatherer: &mut Gatherer, texels: &Range<usize>, out: &mut [f32], noise: &mut NoiseSums) {
+        let (row, columns) = (noise.row(), self.direct.light.columns());
+        let mut sums = std::mem::take(&mut gatherer.sums);
+        sums.resize(texels.len() * 6 * columns, 0.0);
+        self.read(gatherer, texels, |texel, block, halves| {
+            let sums = &mut sums[(texel - texels.start) * 6 * columns..][..6 * columns];
+            for (sums, of_block) in sums.chunks_exact_mut(3 * columns).zip(halves) {
+                for (sums, of_block) in sums.chunks_exact_mut(columns).zip(of_block.chunks_exact(block.len())) {
+                    sums[block.clone()].copy_from_slice(of_block);
+                }
+            }
+        });
+        let paths = self.samples.count();
+        let (mut first_half, mut collected) = (vec![0f32; row], Collected::new(gatherer.set));
+        for ((texel, sums), out) in texels.clone().zip(sums.chunks_exact(6 * columns)).zip(out.chunks_exact_mut(row)) {
+            let halves = [(paths / 2, &mut first_half[..]), (paths, &mut *out)];
+            for (sums, (rays, out)) in sums.chunks_exact(3 * columns).zip(halves) {
+                let light = |column: usize| Rgb::from_array([0, 1, 2].map(|channel| sums[channel * columns + column]));
+                collected.lights.iter_mut().enumerate().for_each(|(column, sum)| *sum = light(column));
+                collected.emission = if columns > collected.lights.len() { light(collected.lights.len()) } else { Rgb::ZERO };
+                collected.mix(gatherer.set, 1.0 / rays.max(1) as f32, out);
+            }
+            let area = self.lightmap.texels[texel].area;
+            for channel in 0..3 {
+                let of_channel = channel * row / 3..(channel + 1) * row / 3;
+                noise.add(0..row / 3, &out[of_channel.clone()], &first_half[of_channel], area);
+            }
+        }
+        gatherer.sums = sums;
     }
 }
 
 impl Gatherer<'_, '_> {
-    pub fn clear(&mut self) {
-        self.read.fill(0.0);
-        self.rays.traced.clear();
-    }
-
-    /// Irradiance, times the number of rays.
-    pub fn collect(&self, out: &mut Collected) {
-        let columns = self.read.len() / 3;
-        let read = |column: usize| {
-            Vec3::from_array(std::array::from_fn(|channel| self.read[place(3, columns, channel, column)]))
-        };
-        let traced = &self.rays.traced.indirect;
-        for (light, (out, &traced)) in out.lights.iter_mut().zip(&traced.lights).enumerate() {
-            *out = read(light) + traced;
-        }
-        out.emission = read(traced.lights.len()) + traced.emission;
-    }
-
     /// Rays so far.
     pub fn rays(&self) -> u64 {
-        self.rays.sent + self.rays.traced.rays()
-    }
-}
-
-/// Sends rays into the scene and notes where the lightmap knows their light; the others are path traced.
-struct Rays<'w, 'a> {
-    found: Found,
-    traced: LightSums<'w, 'a>,
-    sent: u64,
-}
-
-/// What rays read, weighted with what is reflected of it on the way.
-#[derive(Default)]
-struct Found {
-    /// All light of a patch.
-    patches: Vec<Term>,
-    /// The direct light of a texel.
-    texels: Vec<Term>,
-}
-
-impl Found {
-    fn clear(&mut self) {
-        self.patches.clear();
-        self.texels.clear();
-    }
-}
-
-/// Near hits after which a ray ends; each reflects less of it.
-const MOST_NEAR_HITS: u32 = 16;
-
-impl<'w, 'a> Rays<'w, 'a> {
-    fn new(walk: &Walk<'w, 'a>, set: &'w LightSet) -> Self {
-        Self { found: Found::default(), traced: LightSums::new(set, walk.tracer), sent: 0 }
-    }
-
-    /// Sends ray `i` of `samples` from the surface `from` along the cosine-distributed direction of `u`.
-    #[inline]
-    fn send(
-        &mut self,
-        walk: &Walk<'_, 'a>,
-        patches: &Patches,
-        mut from: Surface,
-        mut u: Vec2,
-        samples: &Samples,
-        i: usize,
-    ) {
-        // Of the irradiance that arrives, what a ray finds counts albedo by albedo: the π of its density meets the 1/π of
-        // diffuse reflection.
-        let mut weight = Rgb::ONE;
-        // Whether `from` was lit anew: then light that the next ray meets by itself is part of what it was lit with.
-        let mut lit_anew = false;
-        for bounce in 0..MOST_NEAR_HITS.min(walk.max_bounces) {
-            let direction = Frame::from_normal(from.normal).world_from_local(warp::sample_cosine_hemisphere(u));
-            // A shading normal opens its hemisphere below the surface, too; there is nothing to see there.
-            if direction.dot(from.geometric_normal) <= 0.0 {
-                return;
-            }
-            self.sent += 1;
-            let arriving = weight * std::f32::consts::PI;
-            let pdf = warp::pdf_cosine_hemisphere(direction.dot(from.normal));
-            let origin = walk.tracer.leave(&from, direction);
-            let Some(hit) = walk.tracer.closest_hit(origin, direction, f32::INFINITY) else {
-                if lit_anew {
-                    self.traced.escaped(direction, arriving, pdf, bounce);
-                }
-                return;
-            };
-            if let Some(emitters) = walk.emitters.filter(|_| lit_anew) {
-                let surface = walk.tracer.surface(&hit, direction);
-                self.traced.emission(arriving * emitters.met(&hit, &surface, origin, direction, pdf), bounce);
-            }
-            let mut sampler = samples.sampler(i, bounce);
-            let [j0, j1, u0, u1] = samples.following(i, bounce);
-            let Some((place, albedo)) = patches.find(&hit, direction, [j0, j1]) else {
-                let walk = Walk { max_bounces: walk.max_bounces - bounce, ..*walk };
-                walk.continue_along(&from, direction, arriving, pdf, &mut sampler, &mut self.traced);
-                return;
-            };
-            weight *= albedo;
-            lit_anew = place == Place::Point;
-            match place {
-                Place::Patch(row) => {
-                    self.found.patches.push(Term { row, weight });
-                    return;
-                }
-                Place::Texel(row) => self.found.texels.push(Term { row, weight }),
-                Place::Point => {
-                    let surface = walk.tracer.surface(&hit, direction);
-                    walk.light(&surface, -direction, arriving, bounce, &sampler, &mut self.traced);
-                }
-            }
-            from = patches.front(TexelPoint { triangle: hit.triangle, u: hit.u, v: hit.v });
-            u = Vec2::new(u0, u1);
-        }
+        self.rays.sent()
     }
 }

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use crate::math::Rgb;
-use crate::scene::{Asset, Hit, Lightmap, Reflectance, Surface, TexelPoint, charts};
+use crate::scene::{Asset, Hit, Lightmap, Mesh, Reflectance, TexelPoint, charts};
 
 /// More patches than this are joined to larger ones, so that their light stays in the cache.
 const MOST_PATCHES: usize = 16_384;
@@ -16,6 +16,7 @@ pub struct Patches<'t, 'a> {
     asset: &'a Asset,
     lightmap: &'t Lightmap,
     triangles: Vec<Triangle>,
+    fronts: Vec<Front>,
     /// Side of a patch, texels.
     pub side: usize,
     /// Cells of `side` × `side` texels along the map.
@@ -23,6 +24,8 @@ pub struct Patches<'t, 'a> {
     /// Patches of cell c: `patches[starts[c]..starts[c + 1]]`, as (chart, patch).
     starts: Vec<u32>,
     by_cell: Vec<(u32, u32)>,
+    /// The first of each cell; no chart where it has none.
+    first_in_cell: Vec<(u32, u32)>,
     /// `[y · size + x]`: the covered texel, or `u32::MAX`.
     texel_at: Vec<u32>,
     /// Per texel.
@@ -33,25 +36,32 @@ pub struct Patches<'t, 'a> {
     texels: Vec<(u32, f32)>,
 }
 
-/// What is looked up of a triangle at each hit.
+/// What is looked up of a triangle at each hit: a cache line.
 #[derive(Clone, Copy)]
+#[repr(C, align(64))]
 struct Triangle {
     /// Lightmap coordinates in texels of the first corner, and the way to the others.
     origin: Vec2,
     to_second: Vec2,
     to_third: Vec2,
-    /// Position of the first corner, and the way to the others, metres.
-    corner: Vec3,
-    edges: [Vec3; 2],
     /// Unit, of the front.
     normal: Vec3,
-    /// Whether the shading normal is that everywhere.
-    flat: bool,
     chart: u32,
     /// Side of a texel on this triangle, metres.
     texel_side: f32,
-    /// Diffuse reflectance over the whole triangle, where no texture or vertex colour changes it.
-    albedo: Option<Rgb>,
+    /// Diffuse reflectance over the whole triangle; not a number where a texture or vertex colours change it.
+    albedo: Rgb,
+}
+
+/// What is looked up of a triangle that rays go on from.
+struct Front {
+    /// Position of the first corner, and the way to the others, metres.
+    corner: Vec3,
+    edges: [Vec3; 2],
+    /// Unit.
+    normal: Vec3,
+    /// Whether the shading normal is that everywhere.
+    flat: bool,
 }
 
 /// Where the light of a hit is found.
@@ -87,10 +97,12 @@ impl<'t, 'a> Patches<'t, 'a> {
             asset,
             lightmap,
             triangles: (0..asset.mesh.triangles.len()).map(|t| Triangle::new(asset, t, charts[t], size)).collect(),
+            fronts: (0..asset.mesh.triangles.len()).map(|t| Front::new(asset, t)).collect(),
             side: SIDE,
             cells_along: 0,
             starts: Vec::new(),
             by_cell: Vec::new(),
+            first_in_cell: Vec::new(),
             texel_at,
             patch_of_texel: Vec::new(),
             chart_of_texel,
@@ -156,6 +168,8 @@ impl<'t, 'a> Patches<'t, 'a> {
         for cell in 1..self.starts.len() {
             self.starts[cell] += self.starts[cell - 1];
         }
+        let first = |range: &[u32]| *self.by_cell[..range[1] as usize].get(range[0] as usize).unwrap_or(&(u32::MAX, 0));
+        self.first_in_cell = self.starts.windows(2).map(first).collect();
         for range in self.texel_starts.windows(2) {
             let texels = &mut self.texels[range[0] as usize..range[1] as usize];
             let total: f32 = texels.iter().map(|t| t.1).sum();
@@ -190,36 +204,69 @@ impl<'t, 'a> Patches<'t, 'a> {
             let patch = jittered.or_else(|| self.patch_at(at, triangle.chart));
             Place::Patch(patch.or_else(|| Some(self.patch_of_texel[self.texel_at(at)? as usize]))?)
         };
-        let albedo = triangle
-            .albedo
-            .unwrap_or_else(|| self.asset.surface(hit.triangle as usize, hit.u, hit.v, direction).bsdf.diffuse);
+        let albedo = if triangle.albedo.x.is_nan() {
+            self.asset.surface(hit.triangle as usize, hit.u, hit.v, direction).bsdf.diffuse
+        } else {
+            triangle.albedo
+        };
         Some((place, albedo))
     }
 
-    /// [`Asset::front`], quicker on flat triangles.
+    /// Position, geometric and shading normal of the front at a hit; [`Asset::front`], quicker on flat triangles.
     #[inline(always)]
-    pub fn front(&self, point: TexelPoint) -> Surface {
-        let triangle = &self.triangles[point.triangle as usize];
-        if !triangle.flat {
-            return self.asset.front(point);
+    pub fn front(&self, hit: &Hit) -> [Vec3; 3] {
+        let front = &self.fronts[hit.triangle as usize];
+        if !front.flat {
+            let surface = self.asset.front(TexelPoint { triangle: hit.triangle, u: hit.u, v: hit.v });
+            return [surface.position, surface.geometric_normal, surface.normal];
         }
-        let position = triangle.corner + triangle.edges[0] * point.u + triangle.edges[1] * point.v;
-        Surface::front(position, triangle.normal, triangle.normal)
+        let position = front.corner + front.edges[0] * hit.u + front.edges[1] * hit.v;
+        [position, front.normal, front.normal]
     }
 
+    #[inline(always)]
     fn texel_at(&self, at: Vec2) -> Option<u32> {
         let size = self.lightmap.size;
-        let inside = |x: f32| (x.max(0.0) as usize).min(size - 1);
-        let t = self.texel_at[inside(at.y) * size + inside(at.x)];
+        let t = self.texel_at[inside(at.y, size) * size + inside(at.x, size)];
         (t != u32::MAX).then_some(t)
     }
 
+    #[inline(always)]
     fn patch_at(&self, at: Vec2, chart: u32) -> Option<u32> {
-        let inside = |x: f32| (x.max(0.0) as usize / self.side).min(self.cells_along - 1);
-        let cell = inside(at.y) * self.cells_along + inside(at.x);
+        // Sides are powers of two.
+        let cells = at / self.side as f32;
+        let cell = inside(cells.y, self.cells_along) * self.cells_along + inside(cells.x, self.cells_along);
+        let (first_chart, first) = self.first_in_cell[cell];
+        if first_chart == chart { Some(first) } else { self.other_patch_in(cell, chart) }
+    }
+
+    #[cold]
+    fn other_patch_in(&self, cell: usize, chart: u32) -> Option<u32> {
         let here = &self.by_cell[self.starts[cell] as usize..self.starts[cell + 1] as usize];
         here.iter().find(|(c, _)| *c == chart).map(|(_, patch)| *patch)
     }
+}
+
+impl Front {
+    fn new(asset: &Asset, triangle: usize) -> Self {
+        let mesh = &asset.mesh;
+        let [a, b, c] = mesh.triangle_positions(triangle);
+        let normal = mesh.triangle_cross(triangle).normalize_or(Vec3::Y);
+        Self { corner: a, edges: [b - a, c - a], normal, flat: is_flat(mesh, triangle) }
+    }
+}
+
+/// Whether a triangle's shading normals are its own.
+pub fn is_flat(mesh: &Mesh, triangle: usize) -> bool {
+    let normal = mesh.triangle_cross(triangle).normalize_or(Vec3::Y);
+    // The sine of the angle between them is under what f32 rounds unit vectors by.
+    mesh.triangles[triangle].iter().all(|&v| mesh.normals[v as usize].distance(normal) < 1e-6)
+}
+
+/// The cell of `count` that holds a coordinate; the nearest for one outside.
+#[inline(always)]
+fn inside(x: f32, count: usize) -> usize {
+    (x as i32).clamp(0, count as i32 - 1) as usize
 }
 
 impl Triangle {
@@ -233,21 +280,14 @@ impl Triangle {
         let plain = material.base_colour_texture.is_none()
             && mesh.colours.is_empty()
             && material.reflectance == Reflectance::Lambert;
-        let [a, b, c] = mesh.triangle_positions(triangle);
-        let normal = cross.normalize_or(Vec3::Y);
-        // The sine of the angle between them is under what f32 rounds unit vectors by.
-        let flat = mesh.triangles[triangle].iter().all(|&v| mesh.normals[v as usize].distance(normal) < 1e-6);
         Self {
             origin: uv[0],
             to_second,
             to_third,
-            corner: a,
-            edges: [b - a, c - a],
-            normal,
-            flat,
+            normal: cross.normalize_or(Vec3::Y),
             chart,
             texel_side: if texels > 0.0 { (cross.length() / texels).sqrt() } else { 0.0 },
-            albedo: plain.then(|| asset.surface(triangle, 0.0, 0.0, Vec3::ZERO).bsdf.diffuse),
+            albedo: if plain { asset.surface(triangle, 0.0, 0.0, Vec3::ZERO).bsdf.diffuse } else { Rgb::NAN },
         }
     }
 }

@@ -4,6 +4,7 @@
 //! (exclusive or of the bits), which keeps its net structure and makes every point uniform (Friedel and Keller, *Fast
 //! Generation of Randomized Low-Discrepancy Point Sets*, 2002).
 
+use crate::math::LANES;
 use crate::math::sampler::{Sampler, mix64};
 
 /// Sets that texels choose from, so that neighbours do not share one.
@@ -15,30 +16,43 @@ const TABLE_STREAM: u64 = 0x7461_626c_6573;
 /// Names the numbers that follow a point.
 const FOLLOWING_STREAM: u64 = 0x666f_6c6c_6f77;
 
+/// Dimensions of a point: the direction of the ray, the point that it leaves from, and four for what it meets first.
+pub const DIMENSIONS: usize = 8;
+
 /// SETS times `count` points of the unit hypercube, as 32-bit fractions.
 pub struct SampleTable {
-    points: Vec<[u32; 4]>,
+    /// `[set][point / LANES][dimension][point % LANES]`.
+    points: Vec<Points>,
     count: usize,
 }
 
+type Points = [[u32; LANES]; DIMENSIONS];
+
 /// The points of one texel.
+#[derive(Clone, Copy)]
 pub struct Samples<'t> {
-    points: &'t [[u32; 4]],
-    shift: [u32; 4],
+    points: &'t [Points],
+    shift: [u32; DIMENSIONS],
     key: u64,
 }
 
 impl SampleTable {
     pub fn new(seed: u64, count: u32) -> Self {
-        let fraction = |u: f32| (u as f64 * 4_294_967_296.0) as u32;
-        let of_set =
-            |set: u64| (0..count).map(move |i| Sampler::new(seed, TABLE_STREAM + set, i).next_4d().map(fraction));
-        Self { points: (0..SETS as u64).flat_map(of_set).collect(), count: count as usize }
+        let blocks = (count as usize).div_ceil(LANES);
+        let mut points = vec![[[0; LANES]; DIMENSIONS]; SETS * blocks];
+        for (set, i) in (0..SETS).flat_map(|set| (0..count as usize).map(move |i| (set, i))) {
+            let mut sampler = Sampler::new(seed, TABLE_STREAM + set as u64, i as u32);
+            let coordinates = [sampler.next_4d(), sampler.next_4d()].concat();
+            for (d, u) in coordinates.into_iter().enumerate() {
+                points[set * blocks + i / LANES][d][i % LANES] = (u as f64 * 4_294_967_296.0) as u32;
+            }
+        }
+        Self { points, count: count as usize }
     }
 
     /// Bytes of a table of `count` points a set.
     pub fn bytes(count: usize) -> usize {
-        SETS * count * size_of::<[u32; 4]>()
+        SETS * count.next_multiple_of(LANES) * DIMENSIONS * size_of::<u32>()
     }
 
     /// Points a set.
@@ -49,22 +63,24 @@ impl SampleTable {
     /// The points of the stream (a texel, a patch) `stream` of the run that `seed` names.
     pub fn of(&self, seed: u64, stream: u64) -> Samples<'_> {
         let key = mix64(mix64(seed) ^ stream);
-        let (a, b) = (mix64(key ^ 1), mix64(key ^ 2));
         let set = (key % SETS as u64) as usize;
-        Samples {
-            points: &self.points[set * self.count..(set + 1) * self.count],
-            shift: [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32],
-            key,
+        let blocks = self.count.div_ceil(LANES);
+        let mut shift = [0; DIMENSIONS];
+        for (d, two) in shift.as_chunks_mut::<2>().0.iter_mut().enumerate() {
+            let random = mix64(key ^ (d as u64 + 1));
+            *two = [random as u32, (random >> 32) as u32];
         }
+        Samples { points: &self.points[set * blocks..(set + 1) * blocks], shift, key }
     }
 }
 
 impl Samples<'_> {
-    /// Point `i`, each coordinate in [0, 1).
-    #[inline]
-    pub fn point(&self, i: usize) -> [f32; 4] {
-        let p = &self.points[i];
-        std::array::from_fn(|d| unit(p[d] ^ self.shift[d]))
+    /// Points `block` · LANES and the following, `[dimension][lane]`, each coordinate in [0, 1).
+    #[inline(always)]
+    pub fn points(&self, block: usize) -> [[f32; LANES]; DIMENSIONS] {
+        let (points, shift) = (&self.points[block], &self.shift);
+        let of = |d: usize| shifted(&points[d], shift[d]);
+        [of(0), of(1), of(2), of(3), of(4), of(5), of(6), of(7)]
     }
 
     /// A generator for all that follows point `i` after its bounce `bounce`.
@@ -75,14 +91,24 @@ impl Samples<'_> {
     /// Four more numbers for point `i` after its bounce `bounce`, each in [0, 1), independent of it and of each other.
     #[inline]
     pub fn following(&self, i: usize, bounce: u32) -> [f32; 4] {
-        let a = mix64(self.key ^ (i as u64) << 32 ^ (bounce as u64) << 8 ^ 3);
+        let a = mix64(self.key ^ (i as u64) << 32 ^ (bounce as u64) << 8 ^ 0xff);
         let b = mix64(a);
         [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32].map(unit)
     }
 }
 
+/// One at a time: over two loops the compiler would scatter.
+#[inline(always)]
+fn shifted(points: &[u32; LANES], shift: u32) -> [f32; LANES] {
+    let mut units = [0.0; LANES];
+    for i in 0..LANES {
+        units[i] = unit(points[i] ^ shift);
+    }
+    units
+}
+
 /// The upper 24 bits as a fraction.
-#[inline]
+#[inline(always)]
 fn unit(bits: u32) -> f32 {
     (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }
@@ -97,14 +123,14 @@ mod tests {
         let table = SampleTable::new(1, 64);
         for stream in 0..40 {
             let samples = table.of(7, stream);
-            for d in 0..4 {
+            for d in 0..DIMENSIONS {
                 let mut cells = [0; 64];
-                (0..64).for_each(|i| cells[(samples.point(i)[d] * 64.0) as usize] += 1);
+                (0..4).flat_map(|block| samples.points(block)[d]).for_each(|u| cells[(u * 64.0) as usize] += 1);
                 assert_eq!(cells, [1; 64], "stream {stream}, dimension {d}");
             }
         }
-        assert_ne!(table.of(7, 1).point(0), table.of(7, 2).point(0));
-        assert_ne!(table.of(7, 1).point(0), table.of(8, 1).point(0));
+        assert_ne!(table.of(7, 1).points(0), table.of(7, 2).points(0));
+        assert_ne!(table.of(7, 1).points(0), table.of(8, 1).points(0));
     }
 
     /// Each point is uniform over streams: mean 1/2 with variance 1/(12 n).
@@ -112,10 +138,10 @@ mod tests {
     fn points_are_uniform_over_streams() {
         let table = SampleTable::new(1, 4);
         let n = 20_000;
-        let mut means = [0f64; 8];
+        let mut means = [0f64; DIMENSIONS + 4];
         for stream in 0..n {
             let samples = table.of(3, stream);
-            let values = samples.point(2).into_iter().chain(samples.following(2, 1));
+            let values = samples.points(0).into_iter().map(|u| u[2]).chain(samples.following(2, 1));
             means.iter_mut().zip(values).for_each(|(mean, v)| *mean += v as f64 / n as f64);
         }
         let sigma = (1.0 / (12.0 * n as f64)).sqrt();
