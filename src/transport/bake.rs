@@ -169,26 +169,44 @@ impl<'t, 'a> Baker<'t, 'a> {
     /// # Errors
     /// [`BakeError::Cancelled`] when `progress` says so.
     pub fn texels(&self, range: Range<usize>, progress: &dyn Progress) -> Result<BakedTexels, BakeError> {
+        let mut indirect = vec![0f32; range.len() * 3 * self.conditions()];
+        let (noise, rays) = self.bake_into(&mut indirect, range, progress)?;
+        Ok(BakedTexels { indirect, noise, rays })
+    }
+
+    /// Bakes a range into `out`; returns its noise and rays.
+    fn bake_into(
+        &self,
+        out: &mut [f32],
+        range: Range<usize>,
+        progress: &dyn Progress,
+    ) -> Result<(NoiseSums, u64), BakeError> {
         match &self.gather {
-            Some(gather) => self.gathered(gather, range, progress),
-            None => self.traced(range, progress),
+            Some(gather) => self.gathered(gather, out, range, progress),
+            None => self.traced(out, range, progress),
         }
     }
 
     fn gathered(
         &self,
         gather: &Gather<'t, 'a>,
+        out: &mut [f32],
         range: Range<usize>,
         progress: &dyn Progress,
-    ) -> Result<BakedTexels, BakeError> {
+    ) -> Result<(NoiseSums, u64), BakeError> {
         let walk = self.walk();
         let start = || gather.gatherer(&walk, &self.set);
-        self.each_chunk(range, gather::TEXELS, progress, start, |gatherer| gatherer.rays(), |gatherer, texels, out, noise| {
+        self.each_chunk(out, range, gather::TEXELS, progress, start, |gatherer| gatherer.rays(), |gatherer, texels, out, noise| {
             gather.texels(&walk, texels, gatherer, out, noise, progress);
         })
     }
 
-    fn traced(&self, range: Range<usize>, progress: &dyn Progress) -> Result<BakedTexels, BakeError> {
+    fn traced(
+        &self,
+        out: &mut [f32],
+        range: Range<usize>,
+        progress: &dyn Progress,
+    ) -> Result<(NoiseSums, u64), BakeError> {
         let (walk, paths) = (self.walk(), self.settings.paths);
         let bake = |sums: &mut LightSums, texel: usize, [first_half, out]: [&mut [f32]; 2]| {
             let points = self.lightmap.sampler(&self.tracer.asset().mesh, texel);
@@ -209,7 +227,7 @@ impl<'t, 'a> Baker<'t, 'a> {
             sums.indirect.mix(&self.set, 1.0 / paths as f32, out);
         };
         let start = || (LightSums::new(&self.set, self.tracer), vec![0f32; 3 * self.conditions()]);
-        self.each_chunk(range, CHUNK, progress, start, |(sums, _)| sums.rays(), |(sums, first_half), texels, rows, noise| {
+        self.each_chunk(out, range, CHUNK, progress, start, |(sums, _)| sums.rays(), |(sums, first_half), texels, rows, noise| {
             let n = self.conditions();
             for (texel, out) in texels.zip(rows.chunks_mut((3 * n).max(1))) {
                 bake(sums, texel, [first_half, out]);
@@ -229,19 +247,19 @@ impl<'t, 'a> Baker<'t, 'a> {
     /// rows of some texels and adds up their noise.
     fn each_chunk<S>(
         &self,
+        out: &mut [f32],
         range: Range<usize>,
         size: usize,
         progress: &dyn Progress,
         start: impl Fn() -> S + Sync + Send,
         rays: impl Fn(&S) -> u64 + Sync + Send,
         bake: impl Fn(&mut S, Range<usize>, &mut [f32], &mut NoiseSums) + Sync + Send,
-    ) -> Result<BakedTexels, BakeError> {
+    ) -> Result<(NoiseSums, u64), BakeError> {
         let n = self.conditions();
         let row = 3 * n;
-        let mut indirect = vec![0f32; range.len() * row];
         let so_far = NoiseSoFar::default();
         // Each chunk's share of the noise is kept apart and summed in order, so that rounding does not depend on the threads.
-        let shares: Vec<(NoiseSums, u64)> = indirect
+        let shares: Vec<(NoiseSums, u64)> = out
             .par_chunks_mut((size * row).max(1))
             .enumerate()
             .map_init(&start, |state, (chunk, rows)| {
@@ -260,7 +278,7 @@ impl<'t, 'a> Baker<'t, 'a> {
         }
         let mut noise = NoiseSums::new(n);
         shares.iter().for_each(|(share, _)| noise.merge(share));
-        Ok(BakedTexels { indirect, noise, rays: shares.iter().map(|(_, rays)| rays).sum() })
+        Ok((noise, shares.iter().map(|(_, rays)| rays).sum()))
     }
 }
 
@@ -277,19 +295,20 @@ pub fn bake(
 ) -> Result<Baked, BakeError> {
     let baker = Baker::new(tracer, lightmap, conditions, settings, progress)?;
     let texels = lightmap.texels.len();
-    let mut indirect = Vec::with_capacity(texels * 3 * conditions.len());
+    let row = 3 * conditions.len();
+    let mut indirect = vec![0f32; texels * row];
     let (mut noise, mut rays) = (NoiseSums::new(conditions.len()), baker.rays());
     progress.begin("bake", texels as u64, "texels");
     progress.made_of(settings.paths as u64, "paths");
     for start in (0..texels).step_by(TILE) {
-        let baked = baker.texels(start..(start + TILE).min(texels), progress);
+        let range = start..(start + TILE).min(texels);
+        let baked = baker.bake_into(&mut indirect[range.start * row..range.end * row], range, progress);
         if baked.is_err() {
             progress.end();
         }
-        let baked = baked?;
-        indirect.extend_from_slice(&baked.indirect);
-        noise.merge(&baked.noise);
-        rays += baked.rays;
+        let (noise_here, rays_here) = baked?;
+        noise.merge(&noise_here);
+        rays += rays_here;
     }
     progress.end();
     Ok(Baked { conditions: conditions.len(), indirect, noise: noise.relative_rmse(), rays })
