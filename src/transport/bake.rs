@@ -62,7 +62,8 @@ impl BakeSettings {
         // Light table, colours and their doubles; per thread the sums of each light and the first half's row.
         let lights_bytes = lights * (128 + threads * 4 * size_of::<Rgb>());
         let noise = (tile / CHUNK + 2 + threads) * 2 * size_of::<f64>();
-        let gather = if self.integrator == Integrator::Path { 0 } else { lights * Gather::bytes_per_light(texels, threads) };
+        let gather =
+            if self.integrator == Integrator::Path { 0 } else { lights * Gather::bytes_per_light(texels, threads) };
         tile * row + threads * row + lights_bytes + noise + gather
     }
 
@@ -196,9 +197,16 @@ impl<'t, 'a> Baker<'t, 'a> {
     ) -> Result<(NoiseSums, u64), BakeError> {
         let walk = self.walk();
         let start = || gather.gatherer(&walk, &self.set);
-        self.each_chunk(out, range, gather::TEXELS, progress, start, |gatherer| gatherer.rays(), |gatherer, texels, out, noise| {
-            gather.texels(&walk, texels, gatherer, out, noise, progress);
-        })
+        self.each_chunk(
+            out,
+            range,
+            progress,
+            start,
+            |gatherer| gatherer.rays(),
+            |gatherer, texels, out, noise| {
+                gather.texels(&walk, texels, gatherer, out, noise, progress);
+            },
+        )
     }
 
     fn traced(
@@ -227,29 +235,35 @@ impl<'t, 'a> Baker<'t, 'a> {
             sums.indirect.mix(&self.set, 1.0 / paths as f32, out);
         };
         let start = || (LightSums::new(&self.set, self.tracer), vec![0f32; 3 * self.conditions()]);
-        self.each_chunk(out, range, CHUNK, progress, start, |(sums, _)| sums.rays(), |(sums, first_half), texels, rows, noise| {
-            let n = self.conditions();
-            for (texel, out) in texels.zip(rows.chunks_mut((3 * n).max(1))) {
-                bake(sums, texel, [first_half, out]);
-                for channel in 0..3 {
-                    let values = channel * n..(channel + 1) * n;
-                    noise.add(0..n, &out[values.clone()], &first_half[values], self.lightmap.texels[texel].area);
+        self.each_chunk(
+            out,
+            range,
+            progress,
+            start,
+            |(sums, _)| sums.rays(),
+            |(sums, first_half), texels, rows, noise| {
+                let n = self.conditions();
+                for (texel, out) in texels.zip(rows.chunks_mut((3 * n).max(1))) {
+                    bake(sums, texel, [first_half, out]);
+                    for channel in 0..3 {
+                        let values = channel * n..(channel + 1) * n;
+                        noise.add(0..n, &out[values.clone()], &first_half[values], self.lightmap.texels[texel].area);
+                    }
                 }
-            }
-        })
+            },
+        )
     }
 
     fn walk(&self) -> Walk<'_, 'a> {
         Walk { tracer: self.tracer, emitters: self.emitters.as_ref(), max_bounces: self.settings.max_bounces }
     }
 
-    /// Bakes a range, `size` texels at a time. `start` readies a thread, `rays` tells how many it has cast, and `bake` writes the
+    /// Bakes a range, some texels at a time. `start` readies a thread, `rays` tells how many it has cast, and `bake` writes the
     /// rows of some texels and adds up their noise.
     fn each_chunk<S>(
         &self,
         out: &mut [f32],
         range: Range<usize>,
-        size: usize,
         progress: &dyn Progress,
         start: impl Fn() -> S + Sync + Send,
         rays: impl Fn(&S) -> u64 + Sync + Send,
@@ -257,6 +271,7 @@ impl<'t, 'a> Baker<'t, 'a> {
     ) -> Result<(NoiseSums, u64), BakeError> {
         let n = self.conditions();
         let row = 3 * n;
+        let size = if self.gather.is_some() { gather::TEXELS } else { CHUNK };
         let so_far = NoiseSoFar::default();
         // Each chunk's share of the noise is kept apart and summed in order, so that rounding does not depend on the threads.
         let shares: Vec<(NoiseSums, u64)> = out

@@ -22,8 +22,7 @@ pub struct Hits {
 }
 
 impl Hits {
-    pub const NONE: Self =
-        Self { t: [0.0; LANES], u: [0.0; LANES], v: [0.0; LANES], triangle: [0; LANES], hit: 0 };
+    pub const NONE: Self = Self { t: [0.0; LANES], u: [0.0; LANES], v: [0.0; LANES], triangle: [0; LANES], hit: 0 };
 
     #[inline(always)]
     pub fn get(&self, ray: usize) -> Hit {
@@ -47,9 +46,7 @@ impl Tracer<'_> {
         let ray = |of: &Segments, ray: usize| Vec3::new(of[0][ray], of[1][ray], of[2][ray]);
         let (mut hits, one_by_one) = match &self.structure {
             // However few they are: what a ray hits depends on no other, to the bit.
-            Structure::Brute(brute) if !brute.any_masked => {
-                brute.pieces.closest_of_each(origins, directions, active)
-            }
+            Structure::Brute(brute) if !brute.any_masked => brute.pieces.closest_of_each(origins, directions, active),
             _ => (Hits::NONE, active),
         };
         for i in lanes(one_by_one) {

@@ -13,10 +13,10 @@
 
 use glam::{DVec3, Vec3};
 
+use super::Segments;
 use super::lanes::lanes;
 use super::packet::Hits;
 use super::simd16::{F32x16, dot, splat};
-use super::Segments;
 use crate::math::LANES;
 use crate::scene::Hit;
 

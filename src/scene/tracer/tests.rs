@@ -197,6 +197,48 @@ fn packets_see_the_same_through_the_tree() {
     assert!(open > cast / 20 && open < cast * 19 / 20, "{open} of {cast} are open");
 }
 
+/// Rays of their own origins hit together what each hits by itself, to within rounding, and the same bits in any company.
+#[test]
+fn rays_hit_together_what_they_hit_alone() {
+    let mut random = Random::new(13);
+    let mut triangles = soup(&mut random, 60);
+    triangles.extend(boxes(2));
+    let indices = (0..triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    let asset = asset(triangles.concat(), indices);
+    for search in [Search::Brute, Search::Tree] {
+        let tracer = Tracer::with_search(&asset, search);
+        let (mut met, mut missed) = (0, 0);
+        for _ in 0..3_000 {
+            let rays: [(Vec3, Vec3); LANES] =
+                std::array::from_fn(|_| ray(&mut random, &triangles, 1.0, Vec3::splat(0.0)));
+            let origins: Segments = [0, 1, 2].map(|axis| rays.map(|(origin, _)| origin[axis]));
+            let directions: Segments = [0, 1, 2].map(|axis| rays.map(|(_, direction)| direction[axis]));
+            let together = tracer.closest_hits(&origins, &directions, 0xffff);
+            for (i, (origin, direction)) in rays.into_iter().enumerate() {
+                let others = tracer.closest_hits(&origins, &directions, 1 << i);
+                assert_eq!(others.hit, together.hit & 1 << i);
+                let alone = tracer.closest_hit(origin, direction, f32::INFINITY);
+                let hit = (together.hit >> i & 1 != 0).then(|| together.get(i));
+                let within = |hit: &Hit| rounding(&asset, hit, origin, direction);
+                // Who starts in a triangle's plane may hit it.
+                if [hit, alone].iter().flatten().any(|hit| f64::from(hit.t) <= within(hit)) {
+                    continue;
+                }
+                assert_eq!(hit.is_some(), alone.is_some(), "{origin} {direction}");
+                missed += usize::from(hit.is_none());
+                if let (Some(hit), Some(alone)) = (hit, alone) {
+                    assert_eq!(others.get(i), hit, "alone in its packet");
+                    let off = f64::from(hit.t - alone.t).abs();
+                    assert!(off <= within(&hit) + within(&alone), "{origin} {direction}: {hit:?}, {alone:?}");
+                    assert!(hit == alone || apart(&asset, &hit, origin, direction) <= 4.0 * within(&hit));
+                    met += 1;
+                }
+            }
+        }
+        assert!(met > 10_000 && missed > 1_000, "{search:?}: {met} rays hit, {missed} do not");
+    }
+}
+
 /// From inside a closed surface every ray hits, also through its vertices and edges; through a surface with a triangle missing
 /// some do not.
 #[test]
@@ -226,7 +268,7 @@ fn no_ray_slips_between_triangles() {
         let tracer = Tracer::with_search(asset, search);
         let mut shadows = tracer.shadow_rays(None);
         let mut random = Random::new(11);
-        let mut missed = [0; 2];
+        let mut missed = [0; 3];
         for i in 0..6_000 {
             let origin = random.point() * 0.5;
             let [which, weight, u, v] = random.four();
@@ -240,12 +282,14 @@ fn no_ray_slips_between_triangles() {
             shadows.start_from(origin);
             let segments: Segments = [0, 1, 2].map(|axis| [direction[axis] * 9.0; LANES]);
             missed[1] += shadows.unoccluded(&segments, 0xffff).count_ones() as usize;
+            let origins: Segments = [0, 1, 2].map(|axis| [origin[axis]; LANES]);
+            missed[2] += LANES - tracer.closest_hits(&origins, &segments, 0xffff).hit.count_ones() as usize;
         }
         missed
     };
     for search in [Search::Brute, Search::Tree] {
         let closed = asset(positions.clone(), triangles.clone());
-        assert_eq!(missed(&closed, search), [0, 0], "{search:?}");
+        assert_eq!(missed(&closed, search), [0; 3], "{search:?}");
         let open = asset(positions.clone(), triangles[1..].to_vec());
         assert!(missed(&open, search).iter().all(|&count| count > 0), "{search:?}: the control is closed, too");
     }

@@ -11,8 +11,8 @@ use super::receivers::Receivers;
 use super::rows::{BLOCK, Block, Line, Rows, Term, lines, narrow};
 use super::samples::SampleTable;
 use crate::light::LightSet;
-use crate::math::{LANES, Rgb};
 use crate::math::sampler::mix64;
+use crate::math::{LANES, Rgb};
 use crate::progress::Progress;
 use crate::scene::Lightmap;
 use crate::transport::{BakeError, BakeSettings, Walk};
@@ -65,7 +65,7 @@ impl Bounced {
         let received: Vec<(Vec<Received>, u64)> = starts
             .par_iter()
             .map_init(
-                || Rays::new(&walk, set),
+                || Rays::new(&walk, set, direct.light.columns()),
                 |rays, &start| {
                     if progress.cancelled() {
                         return (Vec::new(), 0);
@@ -73,8 +73,7 @@ impl Bounced {
                     let before = rays.sent();
                     let some = start..(start + PATCHES_AT_A_TIME).min(patches.len());
                     progress.advance(some.len() as u64);
-                    let columns = direct.light.columns();
-                    (receive(&walk, lightmap, patches, &samples, settings, some, columns, rays), rays.sent() - before)
+                    (receive(&walk, lightmap, patches, &samples, settings, some, rays), rays.sent() - before)
                 },
             )
             .collect();
@@ -106,7 +105,6 @@ fn receive<'a>(
     samples: &SampleTable,
     settings: &BakeSettings,
     some: std::ops::Range<usize>,
-    columns: usize,
     rays: &mut Rays<'_, 'a>,
 ) -> Vec<Received> {
     let mesh = &walk.tracer.asset().mesh;
@@ -126,7 +124,7 @@ fn receive<'a>(
         let account = patch - some.start;
         rays.send(walk, patches, &receivers, &samples_of(patch), samples.count(), |_| account);
     }
-    rays.finish(walk, patches, |account| samples_of(some.start + account), columns);
+    rays.finish(walk, patches, |account| samples_of(some.start + account));
     let weight = 1.0 / samples.count() as f32;
     let of_account = |account: usize| {
         let scaled = |terms: &[Term]| terms.iter().map(|t| Term { weight: t.weight * weight, ..*t }).collect();
@@ -169,14 +167,7 @@ fn bounces_until_faded(operator: &[Received], most: u32) -> u32 {
 
 /// Solves E = b + G E for the block of columns that begins with `first`, all of whose arrays stay in the cache together, and
 /// writes the patches' light to `out`, `[patch][channel][column]`.
-fn solve(
-    received: &[Received],
-    patches: &Patches,
-    direct: Block,
-    first: usize,
-    bounces: u32,
-    out: &mut [Line],
-) {
+fn solve(received: &[Received], patches: &Patches, direct: Block, first: usize, bounces: u32, out: &mut [Line]) {
     let width = direct.width;
     let own = patch_means(patches, direct);
     let own = Block::new(&own, direct.planes, width);

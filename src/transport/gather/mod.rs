@@ -2,9 +2,9 @@
 //!
 //! 1. *Direct* (`direct.rs`): the direct light of every light at every texel.
 //! 2. *Bounce* (`bounce.rs`): indirect light between patches of texels, by Jacobi iterations.
-//! 3. *Final gather* (here, rays in `rays.rs`): rays from every texel, which read at their hits the whole light of the patch there. A hit so near
-//!    that its patch would show reads the direct light of its texel instead, and the ray goes on (Reichert, *A Two-Pass
-//!    Radiosity Method Driven by Lights and Viewer Position*, 1992).
+//! 3. *Final gather* (here, its rays in `rays.rs`): rays from every texel, which read at their hits the whole light of the
+//!    patch there. A hit so near that its patch would show reads the direct light of its texel instead, and the ray goes on
+//!    (Reichert, *A Two-Pass Radiosity Method Driven by Lights and Viewer Position*, 1992).
 //!
 //! Steps 2 and 3 cost little more than a ray and a row of vector operations for all conditions together. Lookups are
 //! interpolated between texels and between patches; what is left is a bias that shrinks with the texels. What the lightmap
@@ -56,7 +56,7 @@ pub struct Gatherer<'w, 'a> {
     rays: Rays<'w, 'a>,
     set: &'w LightSet,
     receivers: Receivers,
-    /// Where conditions have several lights, `[texel][half][channel][column]`: sums over the first half of the rays, and all.
+    /// Where conditions have several lights, `[texel][half][channel][column]`: sums over half of the rays, and over all.
     sums: Vec<f32>,
 }
 
@@ -90,7 +90,8 @@ impl<'t, 'a> Gather<'t, 'a> {
 
     /// Bytes held for each light while a lightmap of `texels` texels is gathered on `threads` threads.
     pub fn bytes_per_light(texels: usize, threads: usize) -> usize {
-        // A bfloat16 a texel, three where the light is coloured; per patch three of all its light; per thread sums of some texels.
+        // A bfloat16 a texel, three where the light is coloured; per patch three of all its light; per thread the sums of
+        // some texels.
         3 * 2 * texels + 3 * 2 * Patches::most(texels) + threads * TEXELS * 2 * 3 * size_of::<f32>()
     }
 
@@ -105,7 +106,12 @@ impl<'t, 'a> Gather<'t, 'a> {
     }
 
     pub fn gatherer<'w>(&self, walk: &Walk<'w, 'a>, set: &'w LightSet) -> Gatherer<'w, 'a> {
-        Gatherer { rays: Rays::new(walk, set), set, receivers: Receivers::default(), sums: Vec::new() }
+        Gatherer {
+            rays: Rays::new(walk, set, self.direct.light.columns()),
+            set,
+            receivers: Receivers::default(),
+            sums: Vec::new(),
+        }
     }
 
     /// Gathers the light of some texels into `out`, `[texel][channel][condition]`, and adds their noise to `noise`. Returns early
@@ -133,8 +139,7 @@ impl<'t, 'a> Gather<'t, 'a> {
             let account = |point: usize| 2 * (texel - texels.start) + usize::from(point >= half);
             rays.send(walk, &self.patches, receivers, &samples_of(texel), self.samples.count(), account);
         }
-        let columns = self.direct.light.columns();
-        rays.finish(walk, &self.patches, |account| samples_of(texels.start + account / 2), columns);
+        rays.finish(walk, &self.patches, |account| samples_of(texels.start + account / 2));
         if self.one_each {
             self.read(gatherer, &texels, |texel, columns, [first_half, all]| {
                 self.mix(texel, columns, first_half, all, &mut out[(texel - texels.start) * noise.row()..], noise);
@@ -196,7 +201,9 @@ impl<'t, 'a> Gather<'t, 'a> {
             let colours = &self.colours[channel][conditions.clone()];
             let out = &mut out[channel * n..][conditions.clone()];
             let sums = first_half[channel * width..].iter().zip(&all[channel * width..]);
-            for (((out, half_mean), colour), (first_half, all)) in out.iter_mut().zip(&mut half_mean).zip(colours).zip(sums) {
+            for (((out, half_mean), colour), (first_half, all)) in
+                out.iter_mut().zip(&mut half_mean).zip(colours).zip(sums)
+            {
                 *half_mean = first_half * (colour * of_half);
                 *out = all * (colour * of_all);
             }
@@ -224,7 +231,8 @@ impl<'t, 'a> Gather<'t, 'a> {
             for (sums, (rays, out)) in sums.chunks_exact(3 * columns).zip(halves) {
                 let light = |column: usize| Rgb::from_array([0, 1, 2].map(|channel| sums[channel * columns + column]));
                 collected.lights.iter_mut().enumerate().for_each(|(column, sum)| *sum = light(column));
-                collected.emission = if columns > collected.lights.len() { light(collected.lights.len()) } else { Rgb::ZERO };
+                collected.emission =
+                    if columns > collected.lights.len() { light(collected.lights.len()) } else { Rgb::ZERO };
                 collected.mix(gatherer.set, 1.0 / rays.max(1) as f32, out);
             }
             let area = self.lightmap.texels[texel].area;

@@ -24,6 +24,8 @@ pub struct Rays<'w, 'a> {
     pending: Vec<Ray>,
     unknown: Vec<Unknown>,
     sums: LightSums<'w, 'a>,
+    /// Of light: one a light, one for emission where it is asked for, and what fills the last line.
+    columns: usize,
     sent: u64,
 }
 
@@ -83,15 +85,16 @@ struct Carried {
     point: [u32; LANES],
     weight: [Rgb; LANES],
     lit_anew: u32,
+    bounce: u32,
 }
 
 /// Near hits after which a ray ends; each reflects less of it.
 const MOST_NEAR_HITS: u32 = 16;
 
 impl<'w, 'a> Rays<'w, 'a> {
-    pub fn new(walk: &Walk<'w, 'a>, set: &'w LightSet) -> Self {
+    pub fn new(walk: &Walk<'w, 'a>, set: &'w LightSet, columns: usize) -> Self {
         let sums = LightSums::new(set, walk.tracer);
-        Self { found: Vec::new(), traced: Vec::new(), pending: Vec::new(), unknown: Vec::new(), sums, sent: 0 }
+        Self { found: vec![], traced: vec![], pending: vec![], unknown: vec![], sums, columns, sent: 0 }
     }
 
     /// Segments of paths and shadow rays so far.
@@ -131,33 +134,27 @@ impl<'w, 'a> Rays<'w, 'a> {
                 point: std::array::from_fn(|i| (first + i) as u32),
                 weight: [Rgb::ONE; LANES],
                 lit_anew: 0,
+                bounce: 0,
             };
             let active = ((1u64 << (count - first).min(LANES)) - 1) as u32;
-            self.trace(walk, patches, &departure, &carried, active, 0, |lane| following.map(|u| u[lane]));
+            self.trace(walk, patches, &departure, &carried, active, |lane| following.map(|u| u[lane]));
         }
     }
 
-    /// Sends on the rays that met something near, and path traces what the lightmap does not know. `samples` are an account's,
-    /// `columns` those of light.
-    pub fn finish<'s>(
-        &mut self,
-        walk: &Walk<'_, 'a>,
-        patches: &Patches,
-        samples: impl Fn(usize) -> Samples<'s>,
-        columns: usize,
-    ) {
+    /// Sends on the rays that met something near, and path traces what the lightmap does not know. `samples` are an account's.
+    pub fn finish<'s>(&mut self, walk: &Walk<'_, 'a>, patches: &Patches, samples: impl Fn(usize) -> Samples<'s>) {
         for bounce in 1..MOST_NEAR_HITS.min(walk.max_bounces) {
             let rays = std::mem::take(&mut self.pending);
             for rays in rays.chunks(LANES) {
-                let (departure, carried) = gathered(rays);
+                let (departure, carried) = gathered(rays, bounce);
                 let active = ((1u64 << rays.len()) - 1) as u32;
-                self.trace(walk, patches, &departure, &carried, active, bounce, |lane| {
+                self.trace(walk, patches, &departure, &carried, active, |lane| {
                     samples(carried.account[lane] as usize).following(carried.point[lane] as usize, bounce)
                 });
             }
         }
         self.pending.clear();
-        self.trace_unknown(walk, samples, columns);
+        self.trace_unknown(walk, samples);
     }
 
     /// Traces the rays of `active`; `following` has four more numbers for each.
@@ -169,7 +166,6 @@ impl<'w, 'a> Rays<'w, 'a> {
         departure: &Departure,
         carried: &Carried,
         active: u32,
-        bounce: u32,
         following: impl Fn(usize) -> [f32; 4],
     ) {
         // A shading normal opens its hemisphere below the surface, too; there is nothing to see there.
@@ -180,7 +176,7 @@ impl<'w, 'a> Rays<'w, 'a> {
         let unknown = |lane: usize, kind: Kind| Unknown {
             account: carried.account[lane],
             point: carried.point[lane],
-            bounce,
+            bounce: carried.bounce,
             kind,
             from: (departure.position(lane), departure.geometric_normal(lane)),
             direction: departure.direction(lane),
@@ -228,7 +224,7 @@ impl<'w, 'a> Rays<'w, 'a> {
     }
 
     /// Light that the lightmap does not know, account by account.
-    fn trace_unknown<'s>(&mut self, walk: &Walk<'_, 'a>, samples: impl Fn(usize) -> Samples<'s>, columns: usize) {
+    fn trace_unknown<'s>(&mut self, walk: &Walk<'_, 'a>, samples: impl Fn(usize) -> Samples<'s>) {
         // In an order that tells nothing of which rays were traced together.
         self.unknown.sort_by_key(|u| (u.account, u.bounce, u.point, u.kind));
         for of_account in self.unknown.chunk_by(|a, b| a.account == b.account) {
@@ -236,8 +232,8 @@ impl<'w, 'a> Rays<'w, 'a> {
             self.sums.clear();
             of_account.iter().for_each(|unknown| unknown.trace(walk, &samples, &mut self.sums));
             let sums = &self.sums.indirect;
-            let mut light = vec![0.0; 3 * columns];
-            for (channel, light) in light.chunks_exact_mut(columns.max(1)).enumerate() {
+            let mut light = vec![0.0; 3 * self.columns];
+            for (channel, light) in light.chunks_exact_mut(self.columns.max(1)).enumerate() {
                 light.iter_mut().zip(&sums.lights).for_each(|(light, sum)| *light = sum[channel]);
                 if let Some(emission) = light.get_mut(sums.lights.len()).filter(|_| walk.emitters.is_some()) {
                     *emission = sums.emission[channel];
@@ -278,11 +274,11 @@ impl Unknown {
 }
 
 /// At most LANES rays, lane by lane.
-fn gathered(rays: &[Ray]) -> (Departure, Carried) {
+fn gathered(rays: &[Ray], bounce: u32) -> (Departure, Carried) {
     let [mut position, mut geometric_normal, mut normal]: [Vectors; 3] = Default::default();
     let mut u = [[0.0; LANES]; 2];
     let mut carried =
-        Carried { account: [0; LANES], point: [0; LANES], weight: [Rgb::ZERO; LANES], lit_anew: 0 };
+        Carried { account: [0; LANES], point: [0; LANES], weight: [Rgb::ZERO; LANES], lit_anew: 0, bounce };
     for (i, ray) in rays.iter().enumerate() {
         for axis in 0..3 {
             position[axis][i] = ray.position[axis];

@@ -208,7 +208,8 @@ impl<'r> Block<'r> {
                         let [low_g, high_g] = if PLANES == 1 { [low, high] } else { Lanes::widened(&row[L + $line]) };
                         total[2 * LINES + own].add(green, low_g);
                         total[2 * LINES + own + 1].add(green, high_g);
-                        let [low_b, high_b] = if PLANES == 1 { [low, high] } else { Lanes::widened(&row[2 * L + $line]) };
+                        let [low_b, high_b] =
+                            if PLANES == 1 { [low, high] } else { Lanes::widened(&row[2 * L + $line]) };
                         total[4 * LINES + own].add(blue, low_b);
                         total[4 * LINES + own + 1].add(blue, high_b);
                     }
