@@ -194,7 +194,7 @@ impl<'t, 'a> Gather<'t, 'a> {
         let n = noise.squared_noise.len();
         let conditions = columns.start..columns.end.min(n);
         let paths = self.samples.count();
-        let (of_half, of_all) = (1.0 / (paths / 2).max(1) as f32, 1.0 / paths as f32);
+        let (of_half, of_all) = (1.0 / (paths / 2).max(1) as f32, 1.0 / paths.max(1) as f32);
         let mut half_mean = [0f32; BLOCK];
         let width = columns.len();
         for channel in 0..3 {

@@ -30,7 +30,7 @@ struct Part {
     geometric_normal: Vec3,
 }
 
-/// LANES points from which rays leave: lanes of `up` do, those whose direction the surface hides do not.
+/// LANES points from which rays leave, and where to.
 #[repr(align(64))]
 pub struct Departure {
     pub position: Vectors,
