@@ -90,19 +90,19 @@ impl<'t, 'a> Gather<'t, 'a> {
 
     /// Bytes held for each light while a lightmap of `texels` texels is gathered on `threads` threads.
     pub fn bytes_per_light(texels: usize, threads: usize) -> usize {
-        // A bfloat16 a texel, three where the light is coloured; per patch three of all its light; per thread the sums of
-        // some texels.
-        3 * 2 * texels + 3 * 2 * Patches::most(texels) + threads * TEXELS * 2 * 3 * size_of::<f32>()
+        // A bfloat16 a texel, three where the light is coloured; per patch three of all its light, and while the block of the
+        // light is bounced the direct light, three channels of what has bounced once, and a row of the iteration.
+        let light = 3 * 2 * texels + (3 * 2 + 3 * 2 + 3 * 4 + 3 * 2) * Patches::most(texels);
+        // The sums of some texels.
+        light + threads * TEXELS * 2 * 3 * size_of::<f32>()
     }
 
-    /// Bytes held however many lights there are: sample tables, the patches' operator, where texels and patches lie, and what a
-    /// block of columns takes while light is bounced.
+    /// Bytes held however many lights there are: sample tables, the patches' operator, where texels and patches lie.
     pub fn bytes_fixed(texels: usize, paths: usize) -> usize {
-        // Near hits read two rows of a ray.
-        let terms = 2 * Patches::most(texels) * (paths / bounce::PATHS_PER_RAY as usize).max(1) * size_of::<Term>();
-        // Light that has bounced once, in f32; that of the iteration, twice; direct light.
-        let block = Patches::most(texels) * BLOCK * 3 * (4 + 2 + 2 + 2);
-        2 * SampleTable::bytes(paths) + terms + block + 32 * texels
+        // A ray of a patch ends in a patch, and may have read a texel before.
+        let rays = (paths / bounce::PATHS_PER_RAY as usize).max(1);
+        let terms = 2 * Patches::most(texels) * rays * size_of::<Term>();
+        2 * SampleTable::bytes(paths) + terms + 32 * texels
     }
 
     pub fn gatherer<'w>(&self, walk: &Walk<'w, 'a>, set: &'w LightSet) -> Gatherer<'w, 'a> {
