@@ -133,7 +133,7 @@ fn furnish(
         Camera3d::default(),
         Transform::from_translation(eye).looking_at(target, Vec3::Y),
         Projection::Perspective(PerspectiveProjection { fov: camera.vertical_fov.to_radians(), ..default() }),
-        Exposure { ev100: 0.0 },
+        Exposure { ev100: 1.5 },
         Tonemapping::AcesFitted,
     ));
 }
