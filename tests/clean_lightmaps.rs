@@ -214,6 +214,74 @@ fn walls_of_two_texels_do_not_leak() {
     }
 }
 
+/// Two rooms whose wall stands askew: it turns about the vertical and leans, so that it crosses texels and triangles at all angles.
+struct Askew {
+    /// Metres of x that the wall goes along z and y.
+    turn: f32,
+    lean: f32,
+    /// Along x, metres.
+    thickness: f32,
+}
+
+impl Askew {
+    /// Where the middle of the wall is.
+    fn x(&self, y: f32, z: f32) -> f32 {
+        WALL_X + 0.5 * self.turn * (z - 1.0) + 0.5 * self.lean * (y - 1.0)
+    }
+
+    fn rooms(&self) -> Asset {
+        let mut quads = empty_room();
+        let (y, z) = (Vec3::new(self.lean, 2.0, 0.0), Vec3::new(self.turn, 0.0, 2.0));
+        let corner = |side: f32| Vec3::new(self.x(0.0, 0.0) + side * 0.5 * self.thickness, 0.0, 0.0);
+        quads.quad(corner(-1.0), z, y);
+        if self.thickness > 0.0 {
+            quads.quad(corner(1.0), y, z);
+        }
+        let mut asset = quads.finish();
+        asset.materials.push(Material { double_sided: true, ..asset.materials[0].clone() });
+        asset.mesh.triangle_materials[12..].fill(u32::from(self.thickness == 0.0));
+        asset
+    }
+
+    /// Places of floor, ceiling and long walls on one side of the wall, one a centimetre and close beside it.
+    fn places(&self, side: f32) -> Vec<Place> {
+        let near = [1e-3, 3e-3].into_iter().chain((0..400).map(|i| 0.01 * i as f32 + 0.005));
+        let across = || (0..100).map(|i| 0.02 * i as f32 + 0.005);
+        let at = |distance: f32, c: f32| {
+            let edges = [(0.0, c, Vec3::Y), (2.0, c, Vec3::NEG_Y), (c, 0.0, Vec3::Z), (c, 2.0, Vec3::NEG_Z)];
+            edges.map(|(y, z, normal)| {
+                (Vec3::new(self.x(y, z) + side * (0.5 * self.thickness + distance), y, z), normal)
+            })
+        };
+        let all = near.flat_map(|d| across().flat_map(move |c| at(d, c)).collect::<Vec<_>>());
+        all.filter(|(place, _)| (0.001..3.999).contains(&place.x)).collect()
+    }
+}
+
+/// Walls that cross the charts askew part the rooms as well as straight ones do.
+#[test]
+fn charts_end_at_walls_that_stand_askew() {
+    for (turn, lean, thickness) in [(1.0, 0.0, 0.0), (0.7, 0.4, 0.0), (0.7, 0.4, 0.08), (-0.3, 0.9, 0.24)] {
+        let askew = Askew { turn, lean, thickness };
+        let leak_of = |asset: &Asset, lightmap: &Lightmap| {
+            let tracer = Tracer::new(asset);
+            let image = lit(&tracer, lightmap, 64);
+            let bright = looked_up(&tracer, &image, &askew.places(-1.0));
+            let dark = looked_up(&tracer, &image, &askew.places(1.0));
+            let mean = bright.iter().sum::<f32>() / bright.len() as f32;
+            dark.into_iter().fold(0.0, f32::max) / mean
+        };
+        let mut asset = askew.rooms();
+        let rough = leak_of(&asset, &Lightmap::new(&asset.mesh, SIZE));
+        lay_out(&mut asset, SIZE as u32, UvPolicy::Unwrap).unwrap();
+        let clean = leak_of(&asset, &Lightmap::open(&Tracer::new(&asset), SIZE));
+        println!("turn {turn}, lean {lean}, {thickness} m: {clean:.4}, uncut {rough:.4}");
+        // Nothing of the lit room is read, so nothing of it is seen.
+        assert_eq!(clean, 0.0);
+        assert!(rough > 0.02, "control: the leak is seen");
+    }
+}
+
 /// The same scene with every triangle cut into n² alike.
 fn tessellated(mut asset: Asset, n: u32) -> Asset {
     let old = std::mem::take(&mut asset.mesh);

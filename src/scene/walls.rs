@@ -103,7 +103,9 @@ impl Finder<'_, '_> {
                 of_face[i].lerp(of_face[j], heights[i] / (heights[i] - heights[j]))
             })
             .collect();
-        let down = (normal - face_normal * slope) * (self.height / (1.0 - slope * slope));
+        // Up along the face, by as much as is one along the normal: a wall that leans is looked at where it is.
+        let rise = (normal - face_normal * slope) / (1.0 - slope * slope);
+        let down = rise * self.height;
         let line = clipped([crossings[0] - down, crossings[1] - down], corners, normal, self.texel * 1e-3)?;
         let length = line[0].distance(line[1]);
         if length < BESIDE * self.texel {
@@ -116,7 +118,7 @@ impl Finder<'_, '_> {
         let depth = (0..places as usize)
             .filter_map(|i| {
                 let at = line[0].lerp(line[1], (i as f32 + 0.5) / places);
-                self.depth(at, normal, along, outwards)
+                self.depth(at, [normal, rise], along, outwards)
             })
             .min_by(f32::total_cmp)?;
         Some(Wall { triangle: triangle as u32, line, outwards, depth })
@@ -124,14 +126,14 @@ impl Finder<'_, '_> {
 
     /// From a point at the foot of a wall's face to the open surface behind the wall, where that is near and the wall
     /// keeps light from going there.
-    fn depth(&self, foot: Vec3, normal: Vec3, along: Vec3, outwards: Vec3) -> Option<f32> {
+    fn depth(&self, foot: Vec3, [normal, rise]: [Vec3; 2], along: Vec3, outwards: Vec3) -> Option<f32> {
         let beside = BESIDE * self.texel;
         let before = foot + outwards * beside;
-        self.is_open(before, normal).then_some(())?;
-        let up = normal * self.height;
+        self.is_open(before, [normal, rise]).then_some(())?;
+        let up = rise * self.height;
         let mut depth = 0.0;
         let mut faces = 0;
-        while !self.is_open(foot - outwards * (depth + beside), normal) {
+        while !self.is_open(foot - outwards * (depth + beside), [normal, rise]) {
             let from = foot - outwards * (depth + beside) + up;
             let next = self.tracer.closest_hit(from, -outwards, THICKEST * self.texel - depth)?;
             depth += beside + next.t;
@@ -142,19 +144,21 @@ impl Finder<'_, '_> {
         }
         let across = -outwards * (depth + 2.0 * beside);
         let small = SMALL * self.texel;
-        let room = self.tracer.closest_hit(before + up, normal, small).map_or(small, |ceiling| 0.9 * ceiling.t);
-        let is_high = self.tracer.occluded(before + up + normal * room, across);
+        let ceiling = self.tracer.closest_hit(before + up, rise.normalize(), small);
+        let room = rise.normalize() * ceiling.map_or(small, |ceiling| 0.9 * ceiling.t);
+        let is_high = self.tracer.occluded(before + up + room, across);
         let goes_on =
             |aside: Vec3| self.tracer.occluded(before + up, aside) || self.tracer.occluded(before + up + aside, across);
         (is_high && (goes_on(along * small) || goes_on(-along * small))).then_some(depth)
     }
 
-    /// Whether there is surface at a point, facing along `normal`, that light can reach.
-    fn is_open(&self, at: Vec3, normal: Vec3) -> bool {
-        let Some(hit) = self.tracer.closest_hit(at + normal * self.height, -normal, 2.0 * self.height) else {
+    /// Whether there is surface at a point, facing along `normal`, that light can reach; looked at from along `rise`.
+    fn is_open(&self, at: Vec3, [normal, rise]: [Vec3; 2]) -> bool {
+        let reach = 2.0 * self.height * rise.length();
+        let Some(hit) = self.tracer.closest_hit(at + rise * self.height, -rise.normalize(), reach) else {
             return false;
         };
-        let surface: Surface = self.tracer.surface(&hit, -normal);
+        let surface: Surface = self.tracer.surface(&hit, -rise);
         let faces_along = !surface.back && surface.geometric_normal.dot(normal) > FLAT;
         faces_along && comes_out(self.tracer, u64::from(hit.triangle), LIT, |_| surface)
     }

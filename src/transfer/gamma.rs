@@ -16,7 +16,7 @@ use crate::progress::{Progress, Silent};
 pub const GAMMA: f32 = 2.2;
 
 /// Texels and conditions of the trial: some tenths of a second.
-const MOST_TEXELS: usize = 2048;
+const MOST_TEXELS: usize = 1024;
 const TRAINED: usize = 128;
 const TESTED: usize = 64;
 
@@ -125,10 +125,10 @@ pub struct Contest {
 
 /// Bytes that a contest takes: lightmaps as they are, their roots and those of a tile, a Gram matrix and what a fit makes of it, the basis.
 pub(super) fn bytes_needed(extent: &Extent) -> u64 {
-    let trained = TRAINED.min(2 * extent.training / 3) as u64;
-    let conditions = trained + TESTED.min(extent.training) as u64;
+    let trained = TRAINED.min(2 * extent.training / 3);
+    let conditions = (trained + TESTED.min(extent.training - trained)) as u64;
     let (texels, components) = (extent.texels.min(MOST_TEXELS) as u64, extent.channels.components() as u64);
-    let vectors = trained * 3 / components;
+    let vectors = trained as u64 * 3 / components;
     let direct = 3 * extent.points as u64 * conditions;
     2 * 4 * (3 * texels * conditions + direct)
         + 8 * (3 * conditions).pow(2) * 3 / 2
