@@ -41,10 +41,11 @@ pub(super) fn vector_bytes(points: u64) -> u64 {
 }
 
 /// Bytes that a fit takes at most: what it is given, the components' Gram matrix with its eigenvectors, their copies and the
-/// solver's own, and the vectors' features.
+/// solver's own, the vectors' features and projections with what the allocator adds to each, and two classifiers at once, which
+/// have copies of half of the projections.
 pub(super) fn bytes_needed(points: u64) -> u64 {
-    let samples = SAMPLED as u64;
-    vector_bytes(points) + 5 * 8 * samples * samples + VECTORS * (points * 8 + 8 * (COMPONENTS as u64 + 1))
+    let (samples, projection) = (SAMPLED as u64, 8 * (COMPONENTS as u64 + 1));
+    vector_bytes(points) + 5 * 8 * samples * samples + VECTORS * (points * 8 + 2 * projection + 3 * 48)
 }
 
 /// Fits a scope. `None` where there is nothing to tell apart.
