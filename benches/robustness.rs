@@ -11,8 +11,8 @@
 use std::process::ExitCode;
 
 use glam::Vec3;
-use relight::dataset::{Dataset, Draw, Indirect, OF_SCENARIO, Unbaked};
-use relight::light::{Kind, KindWeights, Scenario, ScenarioError};
+use relight::dataset::{Dataset, Draw, Indirect, Measured, OF_SCENARIO, Unbaked};
+use relight::light::{EmissionFacets, Kind, KindWeights, LightTable, Scenario, ScenarioError};
 use relight::measure::MeasurementPoints;
 use relight::model::Channels;
 use relight::progress::Silent;
@@ -39,8 +39,8 @@ const METHODS: [(Method, Lambda, usize); 3] = [
 /// Of `local`: as many texels an anchor as a lightmap of 128² has with the default.
 const ANCHORS: usize = 16;
 const PATHS: u32 = 16;
-/// Fewer than a training has by default, so that direct light is noisier, too.
-const SUB_POINTS: usize = 1;
+/// Of all points together, a quarter of what a training has by default, so that direct light is noisier, too.
+const SUB_POINTS: usize = 1024;
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
@@ -127,23 +127,30 @@ impl<'a> Case<'a> {
 
     /// Fits every method from every number of conditions and points.
     fn fits(&self, worst: &mut [Worst; METHODS.len()]) {
-        let all = &self.dataset;
-        for training in CONDITIONS.into_iter().filter(|&n| n <= all.training) {
-            let mut dataset = self.part(training);
-            let gram = Gram::of(&dataset, &Silent).expect("finite");
-            for points in POINTS {
-                let placed =
-                    MeasurementPoints::place(self.tracer.asset(), points, SUB_POINTS, self.seed).expect("room");
-                let emission = relight::light::EmissionFacets::of(self.tracer.asset());
-                let table = relight::light::LightTable::from_conditions(&dataset.conditions, &emission);
-                dataset.direct = placed.direct_matrix(self.tracer, &table);
+        let tried: Vec<usize> = CONDITIONS.into_iter().filter(|&n| n <= self.dataset.training).collect();
+        let mut parts: Vec<(Dataset, Gram)> = (tried.iter().map(|&training| self.part(training)))
+            .map(|dataset| {
+                let gram = Gram::of(&dataset, &Silent).expect("finite");
+                (dataset, gram)
+            })
+            .collect();
+        for points in POINTS {
+            let (asset, each) = (self.tracer.asset(), (SUB_POINTS / points).max(1));
+            let placed = MeasurementPoints::place(asset, points, each, self.seed).expect("room");
+            let emission = EmissionFacets::of(asset);
+            let table = LightTable::from_conditions(&self.dataset.conditions, &emission);
+            let direct = placed.direct_matrix(self.tracer, &table);
+            let unbaked = self.unbaked(&placed);
+            for (dataset, gram) in &mut parts {
+                let training = dataset.training;
+                dataset.direct = self.columns(&direct, training);
                 let all_channels = [Channels::Mono, Channels::Multi];
                 for &channels in &all_channels[..if training > ALL_SEEDS { 1 } else { 2 }] {
                     let what = format!("{channels:?}, N {training}, P {points}, seed {}", self.seed);
-                    let prior = self.prior(&dataset, &gram, &placed, channels);
+                    let prior = self.prior(dataset, gram, &placed, &unbaked, channels);
                     for ((method, lambda, elements), worst) in METHODS.into_iter().zip(worst.iter_mut()) {
                         let settings = TrainSettings { method, channels, elements, lambda };
-                        match self.error(&dataset, &gram, settings, prior.as_ref().ok()) {
+                        match self.error(dataset, gram, settings, prior.as_ref().ok()) {
                             Ok(error) => worst.add(error, &what),
                             // Refused, with the reason: no blow-up.
                             Err(TransferError::TooFewConditions { .. }) => worst.refused += 1,
@@ -161,16 +168,24 @@ impl<'a> Case<'a> {
         dataset: &Dataset,
         gram: &Gram,
         points: &MeasurementPoints,
+        unbaked: &[Measured],
         channels: Channels,
     ) -> Result<Prior, TransferError> {
         let (method, lambda, elements) = METHODS[1];
         let fit = Fit::train(dataset, gram, TrainSettings { method, channels, elements, lambda })?;
         let adjoint = Adjoint::new(self.tracer, self.lightmap, points, self.settings);
         let mut sums = PriorSums::new(&fit, dataset, &adjoint, &Silent)?;
+        unbaked.iter().for_each(|measured| sums.add(measured));
+        sums.finish()
+    }
+
+    /// Direct light that is not baked.
+    fn unbaked(&self, points: &MeasurementPoints) -> Vec<Measured> {
         let (tracer, scenario) = (self.tracer, &self.scenario);
         let unbaked = Unbaked { tracer, points, scenario, seed: self.seed, own: OF_SCENARIO };
-        unbaked.for_each(&mut |measured| sums.add(measured)).expect("it was drawn from before");
-        sums.finish()
+        let mut all = Vec::new();
+        unbaked.for_each(&mut |measured| all.push(measured.clone())).expect("it was drawn from before");
+        all
     }
 
     /// Mean held-out error of one fit.
@@ -199,17 +214,22 @@ impl<'a> Case<'a> {
     /// The first `training` conditions, and those held out.
     fn part(&self, training: usize) -> Dataset {
         let all = &self.dataset;
-        let n = all.conditions.len();
         let kept: Vec<usize> = (0..training).chain(all.held_out()).collect();
         let Indirect::Memory(values) = &all.indirect else { unreachable!("baked in memory") };
         Dataset {
             training,
             conditions: kept.iter().map(|&c| all.conditions[c].clone()).collect(),
             direct: Vec::new(),
-            indirect: Indirect::Memory(values.chunks(n).flat_map(|row| kept.iter().map(|&c| row[c])).collect()),
+            indirect: Indirect::Memory(self.columns(values, training)),
             texel_areas: all.texel_areas.clone(),
             noise: kept.iter().map(|&c| all.noise[c]).collect(),
         }
+    }
+
+    /// Of rows over all conditions those over the first `training` and those held out.
+    fn columns(&self, rows: &[f32], training: usize) -> Vec<f32> {
+        let of_row = |row: &[f32]| [&row[..training], &row[self.dataset.training..]].concat();
+        rows.chunks(self.dataset.conditions.len()).flat_map(of_row).collect()
     }
 }
 

@@ -90,13 +90,29 @@ impl Default for LightmapSettings {
 pub struct PointSettings {
     /// P, measurement points.
     pub count: usize,
-    /// Sub-points that each point averages (paper 5.1).
-    pub sub_points: usize,
+    /// Sub-points that each point averages (paper 5.1); absent: as [`PointSettings::sub_points_at`] says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sub_points: Option<usize>,
 }
 
 impl Default for PointSettings {
     fn default() -> Self {
-        Self { count: 512, sub_points: 8 }
+        Self { count: 512, sub_points: None }
+    }
+}
+
+/// Sub-points of all points together. Few points need them all the more: of light that falls between sub-points nothing is known.
+const SUB_POINTS_IN_ALL: usize = 4096;
+
+impl PointSettings {
+    /// Sub-points that each point averages.
+    pub fn sub_points(&self) -> usize {
+        self.sub_points_at(self.count)
+    }
+
+    /// Those that each of `count` points averages: what is set, or so many that there are 4,096 in all, from 8 to 64.
+    pub fn sub_points_at(&self, count: usize) -> usize {
+        self.sub_points.unwrap_or_else(|| (SUB_POINTS_IN_ALL / count.max(1)).clamp(8, 64))
     }
 }
 
@@ -345,7 +361,7 @@ impl SceneFile {
         let limits = [
             ("lightmap.size", self.lightmap.size as u64, 8, 8192),
             ("points.count", self.points.count as u64, 1, 65536),
-            ("points.sub_points", self.points.sub_points as u64, 1, 256),
+            ("points.sub_points", self.points.sub_points() as u64, 1, 256),
             ("bake.conditions", self.bake.conditions.first() as u64, 1, MOST_CONDITIONS as u64),
             ("bake.held_out", self.bake.held_out as u64, 1, 65536),
             ("bake.paths", self.bake.paths as u64, 1, 1 << 20),

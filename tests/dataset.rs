@@ -364,8 +364,7 @@ fn a_full_disk_is_one_error_and_what_was_baked_is_kept() {
 #[cfg(target_os = "linux")]
 fn the_ceiling_of_memory_is_kept_and_changes_nothing() {
     let work = Work::new();
-    let job =
-        "train --method linear --size 256 --conditions 128 --held-out 32 --paths 1 --points 32 --basis 8 --threads 2";
+    let job = "train --method linear --size 256 --conditions 128 --held-out 32 --paths 1 --points 32 --sub-points 8 --basis 8 --threads 2";
     let peak = |words: &str| {
         work.succeeds(&format!("{words} --json figures.json"));
         let figures: serde_json::Value = serde_json::from_slice(&work.bytes("figures.json")).unwrap();

@@ -134,7 +134,7 @@ fn scene_file() -> impl Strategy<Value = SceneFile> {
             },
             lightmap: LightmapSettings { size, uv: if second { UvPolicy::Unwrap } else { UvPolicy::Auto } },
             scenario,
-            points: PointSettings { count, sub_points },
+            points: PointSettings { count, sub_points: multi.then_some(sub_points) },
             bake: BakeSettings {
                 conditions: if second { Conditions::Auto } else { Conditions::Count(conditions) },
                 held_out,

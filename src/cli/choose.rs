@@ -80,10 +80,12 @@ impl Prepared {
         let Some(most) = train.max_bytes else { return Ok(()) };
         let or = |held: bool, given: usize, least: usize| if held { given } else { least };
         let is_local = train.method == Method::Local;
+        let points = or(held.points, self.scene.points.count, budget::POINTS[0].min(self.scene.points.count));
         let least = Size {
             elements: or(held.basis, train.elements(), if is_local { budget::CHANNELS[0] } else { 1 }),
             anchors: if is_local { or(held.anchors, train.anchors, budget::ANCHORS[0]) } else { 0 },
-            points: or(held.points, self.scene.points.count, budget::POINTS[0].min(self.scene.points.count)),
+            points,
+            sub_points: self.scene.points.sub_points_at(points),
         };
         let least = Bytes(least.bytes(&self.storage()));
         if least <= most {
@@ -101,7 +103,6 @@ impl Prepared {
             lightmap_size: self.scene.lightmap.size as usize,
             channels: train.channels,
             value: if train.method == Method::Local { train.bits as usize / 8 } else { 2 },
-            sub_points: self.scene.points.sub_points,
         }
     }
 
@@ -162,7 +163,7 @@ impl Prepared {
         let points: Vec<usize> = if held.points || place.rendered.is_some() {
             vec![own]
         } else {
-            let affordable = |p: &usize| *p == own || p * self.scene.points.sub_points * n <= MOST_RAYS;
+            let affordable = |p: &usize| *p == own || p * self.scene.points.sub_points_at(*p) * n <= MOST_RAYS;
             let all: BTreeSet<usize> = budget::POINTS.into_iter().chain([own]).collect();
             all.into_iter().filter(affordable).collect()
         };
@@ -177,6 +178,7 @@ impl Prepared {
         } else {
             None
         };
+        let points: Vec<(usize, usize)> = points.iter().map(|&p| (p, self.scene.points.sub_points_at(p))).collect();
         let mut all = candidates(&points, &errors, residuals.as_ref(), &self.storage());
         let (elements, anchors) = (train.elements(), train.anchors);
         all.retain(|c| (!held.basis || c.size.elements == elements) && (!held.anchors || c.size.anchors == anchors));
@@ -244,7 +246,7 @@ impl Prepared {
 
     fn place_points(&self, count: usize) -> Result<MeasurementPoints, Failure> {
         let (points, seed) = (&self.scene.points, self.scene.bake.seed);
-        Ok(MeasurementPoints::place(&self.asset, count, points.sub_points, seed)?)
+        Ok(MeasurementPoints::place(&self.asset, count, points.sub_points_at(count), seed)?)
     }
 
     /// What the fit is asked for.
@@ -276,8 +278,8 @@ impl Prepared {
             shortages.extend(more.map(shortage));
         };
         if place.rendered.is_none() {
-            let (own, sub_points, n) = (dataset.points(), self.scene.points.sub_points, dataset.conditions.len());
-            let affordable = |p: &usize| p * sub_points * n <= MOST_RAYS;
+            let (own, n) = (dataset.points(), dataset.conditions.len());
+            let affordable = |p: &usize| p * self.scene.points.sub_points_at(*p) * n <= MOST_RAYS;
             let more: Vec<usize> = [2 * own, 4 * own].into_iter().filter(affordable).collect();
             let measure = |count: usize| self.measure(dataset, tracer, count);
             let means = (summary.mean, summary.oracle_mean);

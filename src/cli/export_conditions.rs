@@ -35,7 +35,7 @@ impl ExportConditions {
         let prepared = prepare(scene, &place, reporter)?;
         let tracer = Tracer::new(&prepared.asset);
         let (bake, settings) = (&prepared.scene.bake, &prepared.scene.points);
-        let points = MeasurementPoints::place(&prepared.asset, settings.count, settings.sub_points, bake.seed)?;
+        let points = MeasurementPoints::place(&prepared.asset, settings.count, settings.sub_points(), bake.seed)?;
         let draw = draw(&prepared.scene);
         let export = Export {
             asset: &prepared.asset,

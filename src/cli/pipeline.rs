@@ -104,7 +104,7 @@ impl Prepared {
         reporter: &Reporter,
     ) -> Result<(MeasurementPoints, Dataset), Failure> {
         let (settings, bake) = (&self.scene.points, &self.scene.bake);
-        let points = MeasurementPoints::place(&self.asset, settings.count, settings.sub_points, bake.seed)?;
+        let points = MeasurementPoints::place(&self.asset, settings.count, settings.sub_points(), bake.seed)?;
         if let Some(rendered) = &place.rendered {
             let (training, held_out) = (bake.conditions.first(), bake.held_out);
             let (lightmap, memory) = (&self.lightmap, place.memory);

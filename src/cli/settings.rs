@@ -42,7 +42,7 @@ pub struct Overrides {
     /// Measurement points
     #[arg(long)]
     pub points: Option<usize>,
-    /// Sub-points that each point averages
+    /// Sub-points that each point averages [default: so many that there are 4096 in all, from 8 to 64]
     #[arg(long)]
     pub sub_points: Option<usize>,
     /// Basis elements; channels a texel of a local basis [default: 16; 4 for local]
@@ -116,7 +116,7 @@ impl Overrides {
         set(&mut scene.bake.max_bounces, &self.max_bounces);
         set(&mut scene.bake.seed, &self.seed);
         set(&mut scene.points.count, &self.points);
-        set(&mut scene.points.sub_points, &self.sub_points);
+        scene.points.sub_points = self.sub_points.or(scene.points.sub_points);
         set(&mut scene.train.anchors, &self.anchors);
         set(&mut scene.train.bits, &self.bits);
         set(&mut scene.train.prior, &self.prior);

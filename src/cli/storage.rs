@@ -51,7 +51,7 @@ impl Place {
         let (bake, train) = (&scene.bake, &scene.train);
         let training = bake.conditions.first();
         let all = training + bake.held_out;
-        let sub_points = MeasurementPoints::check(scene.points.count, scene.points.sub_points)?;
+        let sub_points = MeasurementPoints::check(scene.points.count, scene.points.sub_points())?;
         let fit = transfer::bytes_needed(&transfer::Extent {
             method: train.method,
             channels: train.channels,

@@ -91,7 +91,8 @@ impl Study {
         let placed = (0..seeds).map(|s| match s {
             0 => Ok(trained.model.points.clone()),
             _ => {
-                MeasurementPoints::place(&prepared.asset, scene.points.count, scene.points.sub_points, seed_of(seed, s))
+                let (count, sub_points) = (scene.points.count, scene.points.sub_points());
+                MeasurementPoints::place(&prepared.asset, count, sub_points, seed_of(seed, s))
             }
         });
         let points: Vec<MeasurementPoints> = placed.collect::<Result<_, _>>()?;

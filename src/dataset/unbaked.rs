@@ -21,6 +21,7 @@ pub struct Unbaked<'a> {
 pub const OF_SCENARIO: usize = 1024;
 
 /// Some conditions of one kind, measured.
+#[derive(Clone, Debug)]
 pub struct Measured {
     pub conditions: usize,
     /// How many there are of their kind in all.

@@ -27,6 +27,8 @@ pub struct Size {
     /// 0: a global basis.
     pub anchors: usize,
     pub points: usize,
+    /// Sub-points that each point averages.
+    pub sub_points: usize,
 }
 
 /// What is the same for all sizes.
@@ -37,7 +39,6 @@ pub struct Storage {
     pub channels: Channels,
     /// Bytes of a value of the basis.
     pub value: usize,
-    pub sub_points: usize,
 }
 
 /// A size, what it takes and the error to expect of it.
@@ -52,14 +53,14 @@ impl Size {
     /// Bytes that a run time loads for indirect light: the basis with its anchors over the lightmap's whole page, the transfer
     /// matrices, the points and sub-points. Not the asset, and not what tells lights that were not trained on.
     pub fn bytes(&self, storage: &Storage) -> u64 {
-        let Self { elements, anchors, points } = *self;
+        let Self { elements, anchors, points, sub_points } = *self;
         let page = storage.lightmap_size * storage.lightmap_size;
         let of_anchors = if anchors > 0 { 8 } else { 0 };
         let basis = page * (elements * storage.channels.components() * storage.value + of_anchors);
         // R, G and B for mono, or one of three times the length.
         let matrices = 3 * 2 * points * elements * anchors.max(1);
         // Position, two normals and albedo; which sub-points each point averages.
-        let of_points = 4 * 3 * 4 * (points + points * storage.sub_points) + 4 * points * storage.sub_points;
+        let of_points = 4 * 3 * 4 * (points + points * sub_points) + 4 * points * sub_points;
         (basis + matrices + of_points) as u64
     }
 }
@@ -183,19 +184,19 @@ impl Residuals {
     }
 }
 
-/// All sizes with their errors: `errors` as of [`cross_validate`] with the numbers of `points`; `residuals` where the basis is
-/// local.
+/// All sizes with their errors: `errors` as of [`cross_validate`] with the numbers of `points` and of the sub-points that each
+/// averages; `residuals` where the basis is local.
 pub fn candidates(
-    points: &[usize],
+    points: &[(usize, usize)],
     errors: &[Vec<f64>],
     residuals: Option<&Residuals>,
     storage: &Storage,
 ) -> Vec<Candidate> {
-    let candidate = |elements, anchors, points, error| {
-        let size = Size { elements, anchors, points };
+    let candidate = |elements, anchors, (points, sub_points), error| {
+        let size = Size { elements, anchors, points, sub_points };
         Candidate { size, bytes: size.bytes(storage), error }
     };
-    let of_points = |(&points, errors): (&usize, &Vec<f64>)| -> Vec<Candidate> {
+    let of_points = |(&points, errors): (&(usize, usize), &Vec<f64>)| -> Vec<Candidate> {
         match residuals {
             None => (errors.iter().take(MOST_ELEMENTS).enumerate())
                 .map(|(j, &error)| candidate(j + 1, 0, points, error))
@@ -226,7 +227,7 @@ mod tests {
     use super::*;
 
     fn candidate(bytes: u64, error: f64) -> Candidate {
-        Candidate { size: Size { elements: bytes as usize, anchors: 0, points: 1 }, bytes, error }
+        Candidate { size: Size { elements: bytes as usize, anchors: 0, points: 1, sub_points: 1 }, bytes, error }
     }
 
     #[test]

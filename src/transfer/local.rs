@@ -7,7 +7,7 @@
 //! predicts for the training conditions. What x cannot tell is no use to be able to show.
 
 use faer::linalg::solvers::Solve;
-use faer::{Mat, MatRef, Side};
+use faer::{Mat, MatMut, MatRef, Side};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -175,10 +175,10 @@ impl Frames {
         for &(k, share_k) in blend {
             for &(l, share_l) in blend {
                 let share = share_k as f64 * share_l as f64;
-                for i in 0..n {
-                    for j in 0..n {
-                        small.matrix[i * n + j] += share * self.products[(k * n + i, l * n + j)];
-                    }
+                for (i, row) in small.matrix.chunks_exact_mut(n).enumerate() {
+                    // Symmetric as a whole: columns, whose numbers lie side by side, for rows.
+                    let products = self.products.col(k * n + i).subrows(l * n, n);
+                    row.iter_mut().zip(products.iter()).for_each(|(sum, p)| *sum += share * p);
                 }
             }
         }
@@ -393,45 +393,58 @@ fn fit_texels(terms: &Terms, frames: &Frames, values: &mut [f32], precision: Opt
 fn fit_frames(terms: &Terms, channels: usize, values: &[f32]) -> (Mat<f64>, Mat<f64>) {
     let (n, count) = (channels, terms.count);
     let width = terms.anchors.count * n;
-    let part = terms.rows().div_ceil(PARTS).max(1);
-    let parts: Vec<(Vec<f64>, Vec<f64>)> = values
-        .par_chunks(part * n)
-        .enumerate()
-        .map(|(p, values)| {
-            let (mut normal, mut right) = (vec![0f64; width * width], vec![0f64; width * count]);
-            let mut elements = Vec::with_capacity(4 * n);
-            for (row, b) in (p * part..).zip(values.chunks_exact(n)) {
-                let texel = row / terms.components;
-                let area = terms.areas[texel] as f64;
-                elements.clear();
-                for (k, share) in terms.anchors.of(texel).into_iter().filter(|a| a.1 > 0.0) {
-                    elements.extend(b.iter().enumerate().map(|(j, &b)| (k * n + j, share as f64 * b as f64)));
-                }
-                let of_row = terms.row(row);
-                for &(i, value) in &elements {
-                    let weighted = area * value;
-                    elements.iter().for_each(|&(j, other)| normal[i * width + j] += weighted * other);
-                    let right = &mut right[i * count..(i + 1) * count];
-                    right.iter_mut().zip(of_row).for_each(|(out, &f)| *out += weighted * f as f64);
+    // Texels of each anchor, with their shares.
+    let mut members: Vec<Vec<(usize, f64)>> = vec![Vec::new(); terms.anchors.count];
+    for texel in 0..terms.areas.len() {
+        for (k, share) in terms.anchors.of(texel).into_iter().filter(|a| a.1 > 0.0) {
+            members[k].push((texel, share as f64));
+        }
+    }
+    // Columns of an anchor are summed by one thread, over its texels in order: the same sums on any number of threads.
+    let (mut normal, mut right) = (Mat::<f64>::zeros(width, width), Mat::<f64>::zeros(count, width));
+    let columns = normal.as_mut().par_col_chunks_mut(n).zip(right.as_mut().par_col_chunks_mut(n)).zip(&members);
+    columns.for_each(|((normal, right), members)| {
+        // Apart from the matrices, where they stay in the cache.
+        let (mut of_anchors, mut of_terms) = (vec![0f64; n * width], vec![0f64; n * count]);
+        let (mut square, mut of_row) = (vec![0f64; n * n], vec![0f64; count]);
+        for &(texel, share) in members {
+            square.fill(0.0);
+            for row in texel * terms.components..(texel + 1) * terms.components {
+                let b = &values[row * n..(row + 1) * n];
+                of_row.iter_mut().zip(terms.row(row)).for_each(|(v, &f)| *v = f as f64);
+                for (i, (square, sums)) in
+                    square.chunks_exact_mut(n).zip(of_terms.chunks_exact_mut(count.max(1))).enumerate()
+                {
+                    let weighted = terms.areas[texel] as f64 * share * b[i] as f64;
+                    square.iter_mut().zip(b).for_each(|(sum, &b)| *sum += weighted * b as f64);
+                    sums.iter_mut().zip(&of_row).for_each(|(sum, f)| *sum += weighted * f);
                 }
             }
-            (normal, right)
-        })
-        .collect();
-    let (mut normal, mut right) = (vec![0f64; width * width], vec![0f64; width * count]);
-    for part in &parts {
-        normal.iter_mut().zip(&part.0).for_each(|(sum, v)| *sum += v);
-        right.iter_mut().zip(&part.1).for_each(|(sum, v)| *sum += v);
-    }
-    let normal = MatRef::from_row_major_slice(&normal, width, width).to_owned();
-    let right = MatRef::from_row_major_slice(&right, width, count).to_owned();
+            for (l, share) in terms.anchors.of(texel).into_iter().filter(|a| a.1 > 0.0) {
+                for (sums, square) in of_anchors.chunks_exact_mut(width).zip(square.chunks_exact(n)) {
+                    sums[l * n..(l + 1) * n].iter_mut().zip(square).for_each(|(sum, v)| *sum += share as f64 * v);
+                }
+            }
+        }
+        copy_columns(normal, &of_anchors);
+        copy_columns(right, &of_terms);
+    });
     let trace: f64 = (0..width).map(|i| normal[(i, i)]).sum();
     let ridge = if trace > 0.0 { RIDGE * trace / width as f64 } else { 1.0 };
     let mut regular = normal.clone();
     (0..width).for_each(|i| regular[(i, i)] += ridge);
     // Positive definite by its ridge, but for numbers that are not finite, which the Gram matrix has refused.
-    let frames = regular.llt(Side::Lower).map_or_else(|_| Mat::zeros(width, count), |cholesky| cholesky.solve(&right));
+    let frames = (regular.llt(Side::Lower))
+        .map_or_else(|_| Mat::zeros(width, count), |cholesky| cholesky.solve(right.transpose()));
     (frames, normal)
+}
+
+/// Columns one after the other.
+fn copy_columns(to: MatMut<f64>, from: &[f64]) {
+    let height = to.nrows();
+    to.col_iter_mut().zip(from.chunks_exact(height.max(1))).for_each(|(to, from)| {
+        to.iter_mut().zip(from).for_each(|(to, from)| *to = *from);
+    });
 }
 
 /// Divides each channel by its `size`. Returns the sizes.

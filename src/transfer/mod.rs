@@ -75,7 +75,8 @@ pub fn bytes_needed(extent: &Extent) -> u64 {
         Method::Belcour | Method::Linear => (values + halves + 16 * page + tile).max(3 * halves),
         Method::Local => {
             let coefficients = extent.anchors as u64 * elements;
-            let normal = (local::PARTS as u64 + 3) * 8 * coefficients * (coefficients + terms);
+            // The normal matrix, its copy with a ridge, their factor and products of the frames, old and new.
+            let normal = 6 * 8 * coefficients * (coefficients + terms);
             let matrices = 2 * 3 * 8 * coefficients * points;
             let finished = page * (components * elements * (8 + 4 + 2) + 2 * 4 * local::PLANES as u64 + 24);
             texels * components * terms * 4 + values + matrices + tile.max(normal).max(finished)

@@ -2,8 +2,9 @@
 //! sub-point's exitance does to each element of the basis, and direct light alone, of which there is plenty without a bake,
 //! tells how the exitance of all sub-points follows from that of the points. The data then need only tell what is left.
 
+use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::Solve;
-use faer::{Mat, MatRef, Side};
+use faer::{Accum, Mat, MatRef, Par, Side};
 use rayon::prelude::*;
 
 use super::fit::{Fit, choose_lambda, direct_vector, groups, leave_one_out, product};
@@ -26,7 +27,7 @@ pub struct PriorSums {
     groups: &'static [&'static [usize]],
     /// Per group, `[element][sub-point · channels of the group]`.
     from_sub_points: Vec<Mat<f64>>,
-    /// Per group, Σ x xᵀ and Σ c xᵀ, with c the coefficients that the sub-points predict.
+    /// Per group, Σ x xᵀ (the lower half) and Σ c xᵀ, with c the coefficients that the sub-points predict.
     squares: Vec<Mat<f64>>,
     products: Vec<Mat<f64>>,
 }
@@ -117,7 +118,9 @@ impl PriorSums {
         };
         // Direct vectors, and the coefficients that the sub-points predict.
         let pairs: Vec<Pair> = (self.groups.par_iter().zip(&self.from_sub_points))
-            .map(|(group, transfer)| (matrix(&measured.points, group), transfer * matrix(&measured.sub_points, group)))
+            .map(|(group, transfer)| {
+                (matrix(&measured.points, group), product_of(transfer, &matrix(&measured.sub_points, group)))
+            })
             .collect();
         let norms: Vec<(f64, f64)> = (0..n)
             .map(|k| {
@@ -140,8 +143,8 @@ impl PriorSums {
         sums.zip(&pairs).for_each(|((squares, products), (direct, predicted))| {
             let weighted = |m: &Mat<f64>| Mat::from_fn(m.nrows(), m.ncols(), |r, k| m[(r, k)] * weights[k]);
             let direct = weighted(direct);
-            *squares += &direct * direct.transpose();
-            *products += weighted(predicted) * direct.transpose();
+            add_product(squares, direct.as_ref(), direct.transpose(), true);
+            add_product(products, weighted(predicted).as_ref(), direct.transpose(), false);
         });
     }
 
@@ -162,6 +165,27 @@ impl PriorSums {
         Ok(Prior { matrices })
     }
 }
+
+/// Adds A B to `sum`; where it is symmetric, to its lower half alone.
+fn add_product(sum: &mut Mat<f64>, a: MatRef<f64>, b: MatRef<f64>, symmetric: bool) {
+    // Blocks of fixed size: the same sums on any number of threads.
+    let blocks = sum.as_mut().par_col_chunks_mut(COLUMNS).zip(b.par_col_chunks(COLUMNS)).enumerate();
+    blocks.for_each(|(block, (sum, b))| {
+        let first = if symmetric { block * COLUMNS } else { 0 };
+        let (rows, a) = (sum.nrows() - first, a.subrows(first, a.nrows() - first));
+        matmul(sum.subrows_mut(first, rows), Accum::Add, a, b, 1.0, Par::Seq);
+    });
+}
+
+/// A B.
+fn product_of(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
+    let mut product = Mat::zeros(a.nrows(), b.ncols());
+    add_product(&mut product, a.as_ref(), b.as_ref(), false);
+    product
+}
+
+/// Columns of a product that one thread makes at a time.
+const COLUMNS: usize = 32;
 
 /// Adds `weight` times the elements at one texel, `[component][element]`, to a sub-point's sums, `[channel][element]`.
 fn add(sums: &mut [f64], weight: Rgb, basis: &[f64], elements: usize) {
