@@ -543,7 +543,7 @@ fn too_few_conditions_are_told() {
         let fit = Fit::train(&dataset, &gram, of).unwrap();
         let error = HeldOutErrors::of(&fit, &dataset, &gram).summary().mean;
         let held_out = enough::curve(&fit, None, &dataset, &gram, error).unwrap().unwrap();
-        (held_out, enough::curve_of_training(&dataset, &gram, of).unwrap().unwrap())
+        (held_out, enough::curve_of_training(&dataset, &gram, of, |_| Ok::<_, TransferError>(None)).unwrap().unwrap())
     };
     let ((few, few_training), (many, many_training)) = (curve(28), curve(400));
     assert!(few.shortage(1 << 16).is_some_and(|more| more.enough > 28 && more.error < 0.9 * few.error), "{few:?}");

@@ -119,8 +119,16 @@ impl Prepared {
         let (ready, why) = loop {
             self.scene.bake.conditions = Conditions::Count(count);
             place.check_training(&self.scene, self.lightmap.texels.len())?;
-            let ready = self.ready(&Tracer::new(&self.asset), place, reporter)?;
-            let curve = enough::curve_of_training(&ready.dataset, &ready.gram, self.train_settings())?;
+            let tracer = Tracer::new(&self.asset);
+            let ready = self.ready(&tracer, place, reporter)?;
+            let (dataset, settings) = (&ready.dataset, self.train_settings());
+            let curve = enough::curve_of_training(dataset, &ready.gram, settings, |fit| {
+                if !self.is_told() {
+                    return Ok::<_, Failure>(None);
+                }
+                Ok(self.of_unbaked(Some(fit), &tracer, &ready.points, dataset, reporter)?.0)
+            })?;
+            drop(tracer);
             let gain = curve.map(|c| c.gain());
             match gain {
                 Some(gain) => reporter.note(&format!(

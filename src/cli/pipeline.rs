@@ -190,10 +190,8 @@ impl Prepared {
             reporter
                 .note(&format!("{} of {} conditions light nothing and were dropped", fit.dropped, dataset.training));
         }
-        let train = &self.scene.train;
-        // Paths carry light, not its roots.
-        let told = train.prior && train.method != Method::Belcour && gamma == 1.0;
-        let (prior, contrast) = self.of_unbaked(told.then_some(&fit), &tracer, &points, &dataset, reporter)?;
+        let told = self.is_told().then_some(&fit);
+        let (prior, contrast) = self.of_unbaked(told, &tracer, &points, &dataset, reporter)?;
         let scope = fit_scope(&contrast, self.scene.bake.seed)?;
         drop(contrast);
         let fit = match &prior {
@@ -230,9 +228,15 @@ impl Prepared {
         Ok(Trained { model, dataset, gram, fit, errors, paths, bake_seconds, train_seconds })
     }
 
+    /// Whether the fit is told a prior. Paths carry light, not its roots.
+    pub(super) fn is_told(&self) -> bool {
+        let train = &self.scene.train;
+        train.prior && train.method != Method::Belcour && train.gamma() == 1.0
+    }
+
     /// What lights that are not baked tell: the transfer of `fit`, if it is asked for, by paths from the texels, and what the
     /// scenario's light looks like beside other light.
-    fn of_unbaked(
+    pub(super) fn of_unbaked(
         &self,
         fit: Option<&Fit>,
         tracer: &Tracer,

@@ -7,7 +7,7 @@
 
 use super::error::mean_median_worst;
 use super::fit::Fit;
-use super::{Gram, Method, Prior, TransferError, Trial};
+use super::{Gram, Method, Prior, TrainSettings, TransferError, Trial};
 use crate::dataset::Dataset;
 
 /// A doubling is worth asking for that lowers the error by this share.
@@ -147,25 +147,30 @@ pub fn points<E: From<TransferError>>(
 }
 
 /// How the error falls with the number of conditions, by training conditions alone: fits on a quarter and on half of them, tested on
-/// the other half, carried on to all. `None` where a quarter of them cannot be fitted to.
+/// the other half, carried on to all. `tell` makes the prior that a fit is told, if it is told one. `None` where a quarter of
+/// the conditions cannot be fitted to.
 ///
 /// # Errors
-/// As [`Fit::train`].
-pub fn curve_of_training(
+/// As `tell` and [`Fit::train`].
+pub fn curve_of_training<E: From<TransferError>>(
     dataset: &Dataset,
     gram: &Gram,
-    settings: super::TrainSettings,
-) -> Result<Option<Curve>, TransferError> {
+    settings: TrainSettings,
+    tell: impl FnOnce(&Fit) -> Result<Option<Prior>, E>,
+) -> Result<Option<Curve>, E> {
     let n = dataset.training;
-    let errors_on = |count: usize| -> Result<Vec<f64>, TransferError> {
-        let fit = Fit::train_on(dataset, gram, 0..count, settings)?;
-        Ok(of_settings(&fit, Trial::of(&fit, gram, n / 2..n).errors(dataset)?))
+    let fit_on = |count: usize| match Fit::train_on(dataset, gram, 0..count, settings) {
+        Err(TransferError::TooFewConditions { .. }) => Ok(None),
+        fit => fit.map(Some),
     };
-    match (errors_on(n / 4), errors_on(n / 2)) {
-        (Ok(quarter), Ok(half)) if !half.is_empty() => Ok(Some(Curve::new(n / 2, &quarter, &half).doubled())),
-        (Err(error), _) | (_, Err(error)) if !matches!(error, TransferError::TooFewConditions { .. }) => Err(error),
-        _ => Ok(None),
+    let (Some(mut quarter), Some(mut half)) = (fit_on(n / 4)?, fit_on(n / 2)?) else { return Ok(None) };
+    if let Some(prior) = tell(&half)? {
+        quarter = quarter.clone().with_prior(dataset, &prior.in_basis(&half, &quarter, gram))?;
+        half = half.with_prior(dataset, &prior)?;
     }
+    let errors_of = |fit: &Fit| Trial::of(fit, gram, n / 2..n).own_errors(dataset);
+    let (quarter, half) = (errors_of(&quarter), errors_of(&half));
+    Ok((!half.is_empty()).then(|| Curve::new(n / 2, &quarter, &half).doubled()))
 }
 
 pub(super) fn mean(values: &[f64]) -> f64 {
