@@ -35,6 +35,7 @@ fn main() {
         trial("lights_and_cameras_read_alike_in_every_form", lights_and_cameras_read_alike_in_every_form),
         trial("bake_writes_both_layers", bake_writes_both_layers),
         trial("info_knows_models_scenes_and_assets", info_knows_models_scenes_and_assets),
+        trial("a_closed_pipe_stops_no_work", a_closed_pipe_stops_no_work),
         trial("bad_settings_are_said_in_one_line", bad_settings_are_said_in_one_line),
         trial("bad_scene_files_are_said_in_one_line", bad_scene_files_are_said_in_one_line),
         trial("bad_assets_are_said_in_one_line", bad_assets_are_said_in_one_line),
@@ -447,6 +448,20 @@ fn info_knows_models_scenes_and_assets() {
         asset.contains("triangles: 4") && asset.contains("materials: red") && asset.contains("cameras: 1"),
         "{asset}"
     );
+}
+
+/// What is printed into a pipe that nobody reads is lost, and nothing else is.
+fn a_closed_pipe_stops_no_work() {
+    let work = Work::with_model();
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_relight"))
+        .current_dir(work.0.path())
+        .args(["info", "model.relight", "--json", "facts.json"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    assert!(child.wait().unwrap().success());
+    assert!(!work.json("facts.json").is_null());
 }
 
 fn bad_settings_are_said_in_one_line() {

@@ -235,13 +235,13 @@ impl Render {
         let taken = start.elapsed().as_secs_f64();
         let Timing { frames, frames_per_second } = timing;
         let name = renderer.name();
-        println!(
+        say!(
             "wrote {} ({name}, {frames} frames, {} a second, {taken:.1} s)",
             self.output.display(),
             (frames_per_second * 100.0).round() / 100.0
         );
         if let Some((frame, reading)) = &farthest {
-            println!("lights, at their farthest from training (frame {frame}): {}", reading.verdict());
+            say!("lights, at their farthest from training (frame {frame}): {}", reading.verdict());
         }
         let figures = json!({
             "renderer": name,

@@ -53,12 +53,12 @@ impl Bake {
             .map_err(|e| Failure::Work(format!("{}: {e}", self.output.display())))?;
         super::write_file(&self.output, &bytes)?;
         let texels = prepared.lightmap.texels.len();
-        println!(
+        say!(
             "{texels} texels, {:.1} M rays in {seconds:.2} s, noise {:.2} %",
             baked.rays as f64 * 1e-6,
             baked.noise[0] * 100.0
         );
-        println!("wrote {}", self.output.display());
+        say!("wrote {}", self.output.display());
         super::write_json(
             json,
             &json!({

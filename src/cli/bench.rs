@@ -213,22 +213,22 @@ impl Bench {
         reporter.note("bench: direct light of the run time against that of training");
         let [mean, worst] = agreement(&model, &held_out)?;
         if !bed.has_clock() {
-            println!(
+            say!(
                 "times are by the wall clock, submission included: {adapter} has no clock of its own that tells passes"
             );
         }
         table.print(&adapter, &view, covered, plain.median);
-        println!(
+        say!(
             "direct light on the GPU against that of training, {} held-out conditions: {:.4} % mean, {:.4} % worst",
             held_out.len(),
             100.0 * mean,
             100.0 * worst
         );
-        println!("bases marked * are made-up values of that shape: their times mean something, their light does not");
+        say!("bases marked * are made-up values of that shape: their times mean something, their light does not");
         let points = size_of::<SubPoint>() * model.points.sub_points.len() + 4 * model.points.neighbours.len();
         let own = &storage[0];
         let bytes = own["basis"].as_u64().unwrap_or(0) + own["matrix"].as_u64().unwrap_or(0) + points as u64;
-        println!("the model takes {:.2} MB of GPU memory, its asset aside", bytes as f64 * 1e-6);
+        say!("the model takes {:.2} MB of GPU memory, its asset aside", bytes as f64 * 1e-6);
         super::write_json(
             json,
             &json!({
@@ -249,16 +249,24 @@ impl Bench {
 impl Table {
     fn print(&self, adapter: &str, view: &View, covered: usize, plain: f64) {
         let pixels = view.width as usize * view.height as usize;
-        println!(
+        say!(
             "{adapter}: {} x {}, {:.0} % covered; copies move {:.1} GB/s",
             view.width,
             view.height,
             100.0 * covered as f64 / pixels as f64,
             self.copy * 1e-3
         );
-        println!(
+        say!(
             "{:<18}{:<9}{:>4}{:>7}{:>8}{:>12}{:>25}{:>10}{:>12}",
-            "pass", "method", "n", "points", "lights", "median us", "10 to 90 %", "MB", "of copies"
+            "pass",
+            "method",
+            "n",
+            "points",
+            "lights",
+            "median us",
+            "10 to 90 %",
+            "MB",
+            "of copies"
         );
         for row in &self.rows {
             let spread = format!("{:.1} to {:.1}", row.tenth, row.ninetieth);
@@ -268,7 +276,7 @@ impl Table {
             } else {
                 String::new()
             };
-            println!(
+            say!(
                 "{:<18}{:<9}{:>4}{:>7}{:>8}{:>12.1}{:>25}{:>10.3}{:>10.1} %{versus}",
                 row.pass,
                 format!("{}{star}", row.method),

@@ -149,10 +149,10 @@ pub fn compare(
     }
     if let Some(bias) = report.bias {
         let (relative, at_most) = (100.0 * bias.relative, 100.0 * bias.at_most);
-        println!("bias of the gather integrator against path tracing: {relative:.2} %, at most {at_most:.2} %");
+        say!("bias of the gather integrator against path tracing: {relative:.2} %, at most {at_most:.2} %");
     }
     print_table(&report.rows);
-    println!("wrote {} with {} files beside it", folder.join("report.html").display(), report.files.len());
+    say!("wrote {} with {} files beside it", folder.join("report.html").display(), report.files.len());
     super::write_json(json, &figures)
 }
 
@@ -173,7 +173,7 @@ fn print_table(rows: &[Row]) {
     for group in groups {
         if group.0 != scenario {
             scenario = group.0;
-            println!("\nmean relative RMSE on held-out lights, {scenario}; in brackets the oracle");
+            say!("\nmean relative RMSE on held-out lights, {scenario}; in brackets the oracle");
         }
         let cells: Vec<String> = rows
             .iter()
@@ -183,7 +183,7 @@ fn print_table(rows: &[Row]) {
                 format!("{}: {}{oracle}", r.coefficients, with_spread(r.mean, r.spread))
             })
             .collect();
-        println!("  {:<34} {}", method_label(group.1, group.2), cells.join("   "));
+        say!("  {:<34} {}", method_label(group.1, group.2), cells.join("   "));
     }
-    println!();
+    say!("");
 }

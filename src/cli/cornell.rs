@@ -20,22 +20,16 @@ pub fn run(json: Option<&Path>, reporter: &Reporter) -> Result<(), Failure> {
     print_summary(&trained, &output, bytes);
     let figures = figures(&trained, bytes, start.elapsed().as_secs_f64());
     compare(&prepared, &trained, &place, Path::new("out"), Scope::QUICK, None, reporter)?;
-    println!("done in {:.0} s. Next:", start.elapsed().as_secs_f64());
-    println!("  open out/report.html in a browser");
-    println!(
-        "  relight compare {} -o out/compare          the same with all figures, over three seeds",
-        output.display()
-    );
+    say!("done in {:.0} s. Next:", start.elapsed().as_secs_f64());
+    say!("  open out/report.html in a browser");
+    say!("  relight compare {} -o out/compare          the same with all figures, over three seeds", output.display());
     #[cfg(feature = "viewer")]
-    println!(
-        "  relight view {}                     a window: move lights, see indirect light follow",
-        output.display()
-    );
-    println!("  relight train YOUR.glb -o out/yours.relight        train a transfer for your own asset");
-    println!(
+    say!("  relight view {}                     a window: move lights, see indirect light follow", output.display());
+    say!("  relight train YOUR.glb -o out/yours.relight        train a transfer for your own asset");
+    say!(
         "  relight render {} --light '{{type=\"point\", position=[2.8,4,2], intensity=20}}' -o out/relit.png",
         output.display()
     );
-    println!("  relight --help                                      everything else (cargo run --release -- --help)");
+    say!("  relight --help                                      everything else (cargo run --release -- --help)");
     super::write_json(json, &figures)
 }

@@ -25,9 +25,9 @@ impl Export {
         super::check_output(&self.output.join("README.md"))?;
         let files = export::write(&model, &self.output)?;
         for (name, bytes) in &files {
-            println!("{:<28}{:>9.1} kB", name, *bytes as f64 * 1e-3);
+            say!("{:<28}{:>9.1} kB", name, *bytes as f64 * 1e-3);
         }
-        println!("wrote {}: README.md there says how to shade with it", self.output.display());
+        say!("wrote {}: README.md there says how to shade with it", self.output.display());
         let files: Vec<_> = files.iter().map(|(name, bytes)| json!({ "name": name, "bytes": bytes })).collect();
         super::write_json(json, &json!({ "files": files }))
     }

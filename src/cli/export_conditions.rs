@@ -49,14 +49,14 @@ impl ExportConditions {
         };
         export.write(&self.output)?;
         let (texels, folder) = (prepared.lightmap.texels.len(), self.output.display());
-        println!(
+        say!(
             "wrote {folder}: {} conditions to train on, {} held out; {texels} texels, {} points",
             draw.training,
             draw.held_out,
             points.points.len()
         );
-        println!("next: python render_mitsuba.py {folder}, or render_blender.py (in python/), or any renderer that");
-        println!("keeps to docs/DATASET.md; then relight train {place} --dataset {folder} with the same settings");
+        say!("next: python render_mitsuba.py {folder}, or render_blender.py (in python/), or any renderer that");
+        say!("keeps to docs/DATASET.md; then relight train {place} --dataset {folder} with the same settings");
         super::write_json(
             json,
             &json!({ "conditions": draw.training, "held_out": draw.held_out, "texels": texels, "points": points.points.len() }),

@@ -113,18 +113,18 @@ fn print_facts(facts: &Value, indent: usize) {
     for (name, value) in map {
         match value {
             Value::Object(_) => {
-                println!("{:indent$}{name}:", "");
+                say!("{:indent$}{name}:", "");
                 print_facts(value, indent + 2);
             }
-            Value::Array(items) if items.is_empty() => println!("{:indent$}{name}: none", ""),
+            Value::Array(items) if items.is_empty() => say!("{:indent$}{name}: none", ""),
             Value::Array(items) if items.iter().any(|i| i.as_str().is_some_and(|s| s.len() > 30)) => {
-                println!("{:indent$}{name}:", "");
-                items.iter().for_each(|item| println!("{:1$}{2}", "", indent + 2, plain(item)));
+                say!("{:indent$}{name}:", "");
+                items.iter().for_each(|item| say!("{:1$}{2}", "", indent + 2, plain(item)));
             }
             Value::Array(items) => {
-                println!("{:indent$}{name}: {}", "", items.iter().map(plain).collect::<Vec<_>>().join(", "));
+                say!("{:indent$}{name}: {}", "", items.iter().map(plain).collect::<Vec<_>>().join(", "));
             }
-            _ => println!("{:indent$}{name}: {}", "", plain(value)),
+            _ => say!("{:indent$}{name}: {}", "", plain(value)),
         }
     }
 }

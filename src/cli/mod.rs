@@ -1,5 +1,12 @@
 //! The command line: one file per command.
 
+/// Prints a line to stdout. That nobody reads it any more (`relight train … | head`) stops no work.
+macro_rules! say {
+    ($($text:tt)*) => {
+        _ = std::io::Write::write_fmt(&mut std::io::stdout(), format_args!("{}\n", format_args!($($text)*)))
+    };
+}
+
 pub mod animation;
 pub mod bake;
 pub mod bench;

@@ -107,10 +107,10 @@ impl Render {
         } else {
             picture.write_png(&self.output, exposure)?;
         }
-        println!("wrote {} ({renderer}, {seconds:.2} s)", self.output.display());
+        say!("wrote {} ({renderer}, {seconds:.2} s)", self.output.display());
         let reading = model.scope.as_ref().zip(direct.as_ref()).and_then(|(scope, direct)| scope.read(direct));
         if let Some(reading) = &reading {
-            println!("lights: {}", reading.verdict());
+            say!("lights: {}", reading.verdict());
         }
         let (width, height) = self.size;
         let figures = json!({

@@ -84,7 +84,7 @@ fn write_debug_images(folder: &Path, prepared: &Prepared, trained: &Trained) -> 
     for (j, image) in basis.iter().enumerate() {
         super::write_file(&folder.join(format!("basis-{:02}.png", j + 1)), &image.png)?;
     }
-    println!("wrote pictures of the points and the basis to {}", folder.display());
+    say!("wrote pictures of the points and the basis to {}", folder.display());
     Ok(())
 }
 
@@ -160,32 +160,27 @@ pub fn print_summary(trained: &Trained, output: &Path, bytes: u64) {
     let percent = |x: f64| format!("{:.2} %", 100.0 * x);
     let anchors = trained.model.basis.anchors.as_ref();
     let anchors = anchors.map_or("elements".to_owned(), |a| format!("channels a texel, {} anchors", a.count));
-    println!(
+    say!(
         "{} {anchors}, {} points, {} conditions: relative RMSE on {} held-out conditions",
         trained.fit.settings.elements,
         trained.model.points.points.len(),
         record.conditions,
         held_out.conditions
     );
-    println!(
-        "  mean {}  median {}  worst {}",
-        percent(held_out.mean),
-        percent(held_out.median),
-        percent(held_out.worst)
-    );
-    println!(
+    say!("  mean {}  median {}  worst {}", percent(held_out.mean), percent(held_out.median), percent(held_out.worst));
+    say!(
         "  oracle {} (the best that this basis allows), noise of the lightmaps {}",
         percent(held_out.oracle_mean),
         held_out.noise.map_or("not known".to_owned(), percent)
     );
-    println!("  negative light, clamped when shown: {} of the norm", percent(held_out.negative));
-    choice_lines(&record.choices).iter().for_each(|line| println!("  chosen: {line}"));
+    say!("  negative light, clamped when shown: {} of the norm", percent(held_out.negative));
+    choice_lines(&record.choices).iter().for_each(|line| say!("  chosen: {line}"));
     for shortage in &record.shortages {
-        println!("  {}", shortage_line(shortage));
+        say!("  {}", shortage_line(shortage));
     }
     if let Some(weakest) = record.separation.iter().min_by(|a, b| a.auc.total_cmp(&b.auc)) {
         let kinds: Vec<&str> = record.separation.iter().map(|s| s.kind.as_str()).collect();
-        println!(
+        say!(
             "  tells lights that it was not trained on ({}): AUC at least {:.3} ({})",
             kinds.join(", "),
             weakest.auc,
@@ -193,5 +188,5 @@ pub fn print_summary(trained: &Trained, output: &Path, bytes: u64) {
         );
     }
     let peak = Bytes::peak().map_or(String::new(), |peak| format!("; peak memory {:.0} MB", peak as f64 * 1e-6));
-    println!("wrote {} ({:.1} MB){peak}", output.display(), bytes as f64 * 1e-6);
+    say!("wrote {} ({:.1} MB){peak}", output.display(), bytes as f64 * 1e-6);
 }
