@@ -3,7 +3,7 @@
 //! number. `linear` and `local` are fitted as a training does by default, with what paths tell beforehand. The paper's baseline as
 //! published stands beside them.
 //!
-//!     cargo bench --bench robustness [-- SCENE ... KIND ...] [--seeds 10] [--first-seed 0]
+//!     cargo bench --bench robustness [-- SCENE ... KIND ...] [--seeds 10] [--first-seed 0] [--most-points 1024]
 //!
 //! Lightmaps are small and baked with few paths: it is the fit that is tried, with more noise than it is ever given. All seeds
 //! are tried with up to 256 conditions; the first with 1,024, too, mono.
@@ -48,6 +48,7 @@ fn main() -> ExitCode {
         arguments.iter().position(|a| a == name).map_or(default, |i| arguments[i + 1].parse().expect("a number"))
     };
     let (first, seeds) = (option("--first-seed", 0), option("--seeds", 10));
+    let most_points = option("--most-points", 1024) as usize;
     // Names of scenes and of kinds of light; of each, all where none is named.
     let chosen = |name: &str, all: &[&str]| {
         !all.iter().any(|other| arguments.iter().any(|a| a == other)) || arguments.iter().any(|a| a == name)
@@ -66,7 +67,7 @@ fn main() -> ExitCode {
             for seed in first..first + seeds {
                 let training = if seed == 0 { CONDITIONS[CONDITIONS.len() - 1] } else { ALL_SEEDS };
                 match Case::new(&tracer, &lightmap, scenario.clone(), training, seed) {
-                    Ok(case) => case.fits(&mut here),
+                    Ok(case) => case.fits(most_points, &mut here),
                     // Environments need images, and nothing of these scenes emits but what the Cornell box does.
                     Err(
                         ScenarioError::Environment(_) | ScenarioError::Setting { .. } | ScenarioError::NothingEmits,
@@ -125,8 +126,8 @@ impl<'a> Case<'a> {
         Ok(Self { tracer, lightmap, scenario, settings, spots, dataset, seed })
     }
 
-    /// Fits every method from every number of conditions and points.
-    fn fits(&self, worst: &mut [Worst; METHODS.len()]) {
+    /// Fits every method from every number of conditions and of points, up to `most_points`.
+    fn fits(&self, most_points: usize, worst: &mut [Worst; METHODS.len()]) {
         let tried: Vec<usize> = CONDITIONS.into_iter().filter(|&n| n <= self.dataset.training).collect();
         let mut parts: Vec<(Dataset, Gram)> = (tried.iter().map(|&training| self.part(training)))
             .map(|dataset| {
@@ -134,7 +135,7 @@ impl<'a> Case<'a> {
                 (dataset, gram)
             })
             .collect();
-        for points in POINTS {
+        for points in POINTS.into_iter().filter(|&p| p <= most_points) {
             let (asset, each) = (self.tracer.asset(), (SUB_POINTS / points).max(1));
             let placed = MeasurementPoints::place(asset, points, each, self.seed).expect("room");
             let emission = EmissionFacets::of(asset);
