@@ -122,12 +122,8 @@ impl Prepared {
             let tracer = Tracer::new(&self.asset);
             let ready = self.ready(&tracer, place, reporter)?;
             let (dataset, settings) = (&ready.dataset, self.train_settings());
-            let curve = enough::curve_of_training(dataset, &ready.gram, settings, |fit| {
-                if !self.is_told() {
-                    return Ok::<_, Failure>(None);
-                }
-                Ok(self.of_unbaked(Some(fit), &tracer, &ready.points, dataset, reporter)?.0)
-            })?;
+            let tell = |fit: &Fit| self.tell(fit, &tracer, &ready, reporter);
+            let curve = enough::curve_of_training(dataset, &ready.gram, settings, tell)?;
             drop(tracer);
             let gain = curve.map(|c| c.gain());
             match gain {
@@ -178,8 +174,13 @@ impl Prepared {
         reporter.note(&format!("sizes: trying {} numbers of points on the training conditions", points.len()));
         let measured: Vec<Dataset> =
             points.iter().map(|&p| self.measure(&ready.dataset, &tracer, p)).collect::<Result<_, _>>()?;
-        let errors = cross_validate(&measured, &ready.gram, settings)?;
+        let mut errors = cross_validate(&measured, &ready.gram, settings)?;
         drop(measured);
+        let told =
+            budget::told(&ready.dataset, &ready.gram, settings, |fit| self.tell(fit, &tracer, &ready, reporter))?;
+        for errors in &mut errors {
+            errors.iter_mut().zip(&told).for_each(|(error, told)| *error *= told);
+        }
         let residuals = if is_local {
             let fit = Fit::train(&ready.dataset, &ready.gram, settings)?;
             Some(Residuals::estimate(&fit, &ready.dataset, &self.places(), reporter)?)
@@ -255,6 +256,14 @@ impl Prepared {
     fn place_points(&self, count: usize) -> Result<MeasurementPoints, Failure> {
         let (points, seed) = (&self.scene.points, self.scene.bake.seed);
         Ok(MeasurementPoints::place(&self.asset, count, points.sub_points_at(count), seed)?)
+    }
+
+    /// The prior of a fit on trial, if the model's fit is told one.
+    fn tell(&self, fit: &Fit, tracer: &Tracer, ready: &Ready, reporter: &Reporter) -> Result<Option<Prior>, Failure> {
+        if !self.is_told() {
+            return Ok(None);
+        }
+        Ok(self.of_unbaked(Some(fit), tracer, &ready.points, &ready.dataset, reporter)?.0)
     }
 
     /// What the fit is asked for.

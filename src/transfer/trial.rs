@@ -80,7 +80,12 @@ impl<'f> Trial<'f> {
 
     /// Relative errors of the fit as it is, with what a prior told it.
     pub fn own_errors(&self, dataset: &Dataset) -> Vec<f64> {
-        self.errors_of(dataset, &self.fit.matrices).pop().unwrap_or_default()
+        self.own_errors_by_elements(dataset).pop().unwrap_or_default()
+    }
+
+    /// The same of its first elements alone, `[elements − 1][test condition]`.
+    pub fn own_errors_by_elements(&self, dataset: &Dataset) -> Vec<Vec<f64>> {
+        self.errors_of(dataset, &self.fit.matrices)
     }
 
     /// The same of any transfer matrices, one a group of vectors.

@@ -36,7 +36,7 @@ impl Work {
     /// Runs `relight` here. `words` are split at blanks, `more` are taken as they are.
     pub fn run(&self, words: &str, more: &[&str]) -> Output {
         let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
-        command.current_dir(self.0.path()).timeout(Duration::from_secs(120));
+        command.current_dir(self.0.path()).timeout(Duration::from_secs(600));
         command.args(words.split_whitespace()).args(more).output().unwrap()
     }
 
