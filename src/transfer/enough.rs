@@ -137,7 +137,13 @@ pub fn points<E: From<TransferError>>(
     let mut found: Vec<More> = Vec::new();
     for &enough in candidates {
         let other = mean_of(&measure(enough)?)?;
-        found.push(More { enough, error: instead(error, own, other / now) });
+        let more = More { enough, error: instead(error, own, other / now) };
+        let before = found.last().map_or(error, |m| m.error);
+        found.push(more);
+        // Still more would bring less again.
+        if more.error > (1.0 - LEAST_GAIN) * before {
+            break;
+        }
     }
     let least = found.iter().map(|m| m.error).fold(f64::INFINITY, f64::min);
     if least > (1.0 - WORTH) * error {
