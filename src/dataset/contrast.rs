@@ -27,7 +27,7 @@ pub(super) fn conditions_of(kind: Kind) -> usize {
     match kind {
         Kind::Point | Kind::Spot | Kind::Directional => 640,
         Kind::Rect | Kind::Disk | Kind::Sphere => 192,
-        Kind::Environment | Kind::Sky | Kind::Emissive => 128,
+        Kind::Environment | Kind::Sky | Kind::Emissive => 64,
     }
 }
 
