@@ -94,7 +94,9 @@ impl Window {
     fn open(folder: &Path, size: &str, models: &[&str]) -> Self {
         let mut server = Running(
             Command::new("Xvfb")
-                .args(["-displayfd", "1", "-screen", "0", &format!("{size}x24")])
+                // Without `-noreset` it starts anew, closing every connection, when its last client leaves: here the
+                // search for the window, before the program has connected.
+                .args(["-noreset", "-displayfd", "1", "-screen", "0", &format!("{size}x24")])
                 .stdout(Stdio::piped())
                 .stderr(Stdio::null())
                 .spawn()
@@ -103,16 +105,21 @@ impl Window {
         let mut number = String::new();
         BufReader::new(server.0.stdout.take().unwrap()).read_line(&mut number).unwrap();
         let display = format!(":{}", number.trim());
+        let said = folder.join("view.log");
         let program = Running(
             relight(folder)
                 .env("DISPLAY", &display)
                 .args([&["view"], models, &["--size", size, "-o", "shot", "--light", SPOT]].concat())
-                .stderr(Stdio::null())
+                .stderr(std::fs::File::create(&said).unwrap())
                 .spawn()
                 .unwrap(),
         );
         let mut window = Self { program, _server: server, display, id: String::new() };
-        window.id = until("the window", || window.xdotool("search --name relight").lines().next().map(str::to_owned));
+        window.id = until("the window", || {
+            let ended = window.program.0.try_wait().unwrap();
+            assert!(ended.is_none(), "{ended:?}: {}", std::fs::read_to_string(&said).unwrap());
+            window.xdotool("search --name relight").lines().next().map(str::to_owned)
+        });
         window
     }
 
