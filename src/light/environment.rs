@@ -1,4 +1,7 @@
-//! Light from all around, as a grid of texels in latitude and longitude, sampled in proportion to luminance.
+//! Light from all around, as a grid of texels in latitude and longitude. What is much brighter than the mean is sampled in
+//! proportion to luminance; the rest is found by the paths that leave the scene, with which samples are combined (after
+//! Karlík et al., *MIS Compensation: Optimizing Sampling Techniques in Multiple Importance Sampling*, 2019, who take as much
+//! off the density; here a sample is spared, too, where little is left of it).
 //!
 //! Radiance is constant within a texel, and so is the sampling density: rows and then columns are drawn by inversion of
 //! their cumulative distributions, and the place within a texel uniformly by solid angle (Pharr, Jakob, Humphreys,
@@ -23,6 +26,8 @@ pub struct EnvironmentMap {
     width: usize,
     height: usize,
     texels: Vec<Texel>,
+    /// With what probability a sample is drawn at all.
+    share: f32,
     /// `rows[r]`: probability of the rows before r; one more than rows.
     rows: Vec<f32>,
     /// `columns[r · (width + 1) + c]`: probability of the columns before c within row r.
@@ -42,7 +47,7 @@ impl std::fmt::Debug for EnvironmentMap {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Texel {
     radiance: Rgb,
-    /// Of sampling a direction within it, per steradian.
+    /// Samples of a direction within it, per steradian: over the sphere they add up to the probability of a sample.
     pdf: f32,
 }
 
@@ -61,9 +66,12 @@ pub struct EnvironmentSample {
     /// Unit vector towards the light, before the map is turned.
     pub towards: Vec3,
     pub radiance: Rgb,
-    /// Per steradian.
+    /// Samples per steradian there.
     pub pdf: f32,
 }
+
+/// Texels up to so many times as bright as the mean are found by paths alone.
+const BRIGHT: f64 = 4.0;
 
 impl EnvironmentMap {
     /// From radiance in rows from +y downwards.
@@ -71,24 +79,30 @@ impl EnvironmentMap {
         assert_eq!(radiance.len(), width * height, "one colour a texel");
         let edges: Vec<f32> = (0..=height).map(|r| (PI as f64 * r as f64 / height as f64).cos() as f32).collect();
         let solid_angle = |row: usize| (edges[row] - edges[row + 1]) * TAU / width as f32;
+        let of_row = |row: usize| radiance[row * width..][..width].iter().map(|&c| luminance(c) as f64);
+        let mean = (0..height).map(|row| of_row(row).sum::<f64>() * solid_angle(row) as f64).sum::<f64>() / (4.0 * PI as f64);
+        // A path that leaves a surface along its normal has a density of 1/π; with so many samples beside it, no texel
+        // counts for more than one of BRIGHT times the mean.
+        let samples = |luminance: f64| if mean > 0.0 { (luminance / (BRIGHT * mean) - 1.0).max(0.0) / PI as f64 } else { 0.0 };
         let mut columns = Vec::with_capacity((width + 1) * height);
         let mut row_weights = Vec::with_capacity(height);
-        for (row, colours) in radiance.chunks_exact(width).enumerate() {
-            let weights: Vec<f64> = colours.iter().map(|&c| luminance(c) as f64).collect();
+        for row in 0..height {
+            let weights: Vec<f64> = of_row(row).map(samples).collect();
             row_weights.push(weights.iter().sum::<f64>() * solid_angle(row) as f64);
             columns.extend(cumulative(&weights));
         }
         let rows = cumulative(&row_weights);
+        let share = row_weights.iter().sum::<f64>().min(1.0) as f32;
         // Densities are those of the rounded distributions, so that what is drawn is what is stated.
         let texels = (0..width * height)
             .map(|i| {
                 let (row, column) = (i / width, i % width);
                 let at = row * (width + 1) + column;
                 let probability = (columns[at + 1] - columns[at]) * (rows[row + 1] - rows[row]);
-                Texel { radiance: radiance[i], pdf: probability / solid_angle(row) }
+                Texel { radiance: radiance[i], pdf: share * (probability / solid_angle(row)) }
             })
             .collect();
-        let mut map = Self { width, height, texels, rows, columns, edges, facets: Vec::new() };
+        let mut map = Self { width, height, texels, share, rows, columns, edges, facets: Vec::new() };
         map.facets = map.cut();
         map
     }
@@ -106,9 +120,12 @@ impl EnvironmentMap {
         self.texels.iter().map(|t| t.radiance)
     }
 
-    /// Draws a direction in proportion to the texels' luminance.
-    pub fn sample(&self, u: Vec2) -> EnvironmentSample {
-        let (row, y) = invert(&self.rows, u.x);
+    /// Draws a direction among what is bright, or none: every texel is drawn as often as [`Self::look`] says.
+    pub fn sample(&self, u: Vec2) -> Option<EnvironmentSample> {
+        if u.x >= self.share {
+            return None;
+        }
+        let (row, y) = invert(&self.rows, (u.x / self.share).min(1.0 - f32::EPSILON / 2.0));
         let first = row * (self.width + 1);
         let (column, x) = invert(&self.columns[first..=first + self.width], u.y);
         let cos = self.edges[row] + (self.edges[row + 1] - self.edges[row]) * y;
@@ -117,7 +134,7 @@ impl EnvironmentMap {
         // Column 0 begins at +z, which φ counts from −z: hence the signs.
         let towards = Vec3::new(-sin * sin_phi, cos, sin * cos_phi);
         let texel = &self.texels[row * self.width + column];
-        EnvironmentSample { towards, radiance: texel.radiance, pdf: texel.pdf }
+        Some(EnvironmentSample { towards, radiance: texel.radiance, pdf: texel.pdf })
     }
 
     /// The row of all directions at this cos θ from +y.
@@ -134,7 +151,7 @@ impl EnvironmentMap {
         }
     }
 
-    /// Radiance and sampling density (per steradian) in `row` at `turn` ∈ [0, 1) of its columns.
+    /// Radiance, and samples per steradian, in `row` at `turn` ∈ [0, 1) of its columns.
     #[inline]
     pub fn look_up(&self, row: usize, turn: f32) -> (Rgb, f32) {
         let column = ((turn * self.width as f32) as usize).min(self.width - 1);
@@ -142,7 +159,7 @@ impl EnvironmentMap {
         (texel.radiance, texel.pdf)
     }
 
-    /// Radiance and sampling density in the direction `towards`, before the map is turned.
+    /// Radiance, and samples per steradian, in the direction `towards`, before the map is turned.
     pub fn look(&self, towards: Vec3) -> (Rgb, f32) {
         self.look_up(self.row(towards.y), turn(towards))
     }

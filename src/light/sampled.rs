@@ -15,7 +15,7 @@ pub struct SampledGather<'t, 'a> {
     shadows: ShadowRays<'t, 'a>,
     packet: Packet,
     points: Vec<Vec2>,
-    drawn: Vec<EnvironmentSample>,
+    drawn: Vec<Option<EnvironmentSample>>,
     /// Shadow rays cast so far.
     pub rays: u64,
 }
@@ -102,7 +102,7 @@ impl<'t, 'a> SampledGather<'t, 'a> {
         }
         let first = set.first_environment();
         for (i, entry) in environments.entries.iter().enumerate() {
-            let sample = &drawn[entry.draw as usize];
+            let Some(sample) = &drawn[entry.draw as usize] else { continue };
             let direction = turned(sample.towards, entry.turn);
             if sample.pdf > 0.0 && faces(direction) {
                 let inverse_pdf = 1.0 / sample.pdf;

@@ -86,6 +86,8 @@ struct Carried {
     weight: [Rgb; LANES],
     lit_anew: u32,
     bounce: u32,
+    /// Whether they are not reflected again.
+    last: bool,
 }
 
 /// Near hits after which a ray ends; each reflects less of it.
@@ -135,6 +137,7 @@ impl<'w, 'a> Rays<'w, 'a> {
                 weight: [Rgb::ONE; LANES],
                 lit_anew: 0,
                 bounce: 0,
+                last: false,
             };
             let active = ((1u64 << (count - first).min(LANES)) - 1) as u32;
             self.trace(walk, patches, &departure, &carried, active, |lane| following.map(|u| u[lane]));
@@ -143,17 +146,21 @@ impl<'w, 'a> Rays<'w, 'a> {
 
     /// Sends on the rays that met something near, and path traces what the lightmap does not know. `samples` are an account's.
     pub fn finish<'s>(&mut self, walk: &Walk<'_, 'a>, patches: &Patches, samples: impl Fn(usize) -> Samples<'s>) {
-        for bounce in 1..MOST_NEAR_HITS.min(walk.max_bounces) {
-            let rays = std::mem::take(&mut self.pending);
+        let last = MOST_NEAR_HITS.min(walk.max_bounces);
+        for bounce in 1..=last {
+            let mut rays = std::mem::take(&mut self.pending);
+            if bounce == last {
+                // These end here, but what was lit anew still misses what its rays would meet by themselves.
+                rays.retain(|ray| ray.lit_anew);
+            }
             for rays in rays.chunks(LANES) {
-                let (departure, carried) = gathered(rays, bounce);
+                let (departure, carried) = gathered(rays, bounce, bounce == last);
                 let active = ((1u64 << rays.len()) - 1) as u32;
                 self.trace(walk, patches, &departure, &carried, active, |lane| {
                     samples(carried.account[lane] as usize).following(carried.point[lane] as usize, bounce)
                 });
             }
         }
-        self.pending.clear();
         self.trace_unknown(walk, samples);
     }
 
@@ -191,7 +198,8 @@ impl<'w, 'a> Rays<'w, 'a> {
         if walk.emitters.is_some() {
             self.unknown.extend(lanes(lit_anew & hits.hit).map(|lane| unknown(lane, Kind::Met)));
         }
-        for lane in lanes(hits.hit) {
+        let read = if carried.last { 0 } else { hits.hit };
+        for lane in lanes(read) {
             let hit = hits.get(lane);
             let account = carried.account[lane];
             let [j0, j1, u0, u1] = following(lane);
@@ -274,11 +282,11 @@ impl Unknown {
 }
 
 /// At most LANES rays, lane by lane.
-fn gathered(rays: &[Ray], bounce: u32) -> (Departure, Carried) {
+fn gathered(rays: &[Ray], bounce: u32, last: bool) -> (Departure, Carried) {
     let [mut position, mut geometric_normal, mut normal]: [Vectors; 3] = Default::default();
     let mut u = [[0.0; LANES]; 2];
     let mut carried =
-        Carried { account: [0; LANES], point: [0; LANES], weight: [Rgb::ZERO; LANES], lit_anew: 0, bounce };
+        Carried { account: [0; LANES], point: [0; LANES], weight: [Rgb::ZERO; LANES], lit_anew: 0, bounce, last };
     for (i, ray) in rays.iter().enumerate() {
         for axis in 0..3 {
             position[axis][i] = ray.position[axis];
