@@ -93,6 +93,12 @@ struct Carried {
 /// Near hits after which a ray ends; each reflects less of it.
 const MOST_NEAR_HITS: u32 = 16;
 
+/// Hits lit anew, of which one stands for all.
+const NEAR_GROUP: usize = 8;
+
+/// What a number is drawn for beside a ray: which of a group is lit anew.
+const NEAR_CHOICE: u32 = 4;
+
 impl<'w, 'a> Rays<'w, 'a> {
     pub fn new(walk: &Walk<'w, 'a>, set: &'w LightSet, columns: usize) -> Self {
         let sums = LightSums::new(set, walk.tracer);
@@ -238,7 +244,12 @@ impl<'w, 'a> Rays<'w, 'a> {
         for of_account in self.unknown.chunk_by(|a, b| a.account == b.account) {
             let samples = samples(of_account[0].account as usize);
             self.sums.clear();
-            of_account.iter().for_each(|unknown| unknown.trace(walk, &samples, &mut self.sums));
+            let (near, other): (Vec<&Unknown>, Vec<&Unknown>) = of_account.iter().partition(|u| u.kind == Kind::Near);
+            other.iter().for_each(|unknown| unknown.trace(walk, &samples, 1.0, &mut self.sums));
+            for group in near.chunks(NEAR_GROUP) {
+                let any = samples.sampler(group[0].point as usize, group[0].bounce).aside(NEAR_CHOICE).next_4d()[0];
+                group[(any * group.len() as f32) as usize].trace(walk, &samples, group.len() as f32, &mut self.sums);
+            }
             let sums = &self.sums.indirect;
             let mut light = vec![0.0; 3 * self.columns];
             for (channel, light) in light.chunks_exact_mut(self.columns.max(1)).enumerate() {
@@ -260,7 +271,8 @@ impl<'w, 'a> Rays<'w, 'a> {
 }
 
 impl Unknown {
-    fn trace(&self, walk: &Walk, samples: &Samples, sums: &mut LightSums) {
+    /// `count`: for how many it stands.
+    fn trace(&self, walk: &Walk, samples: &Samples, count: f32, sums: &mut LightSums) {
         let from = Surface::front(self.from.0, self.from.1, self.from.1);
         let surface = || walk.tracer.surface(&self.hit, self.direction);
         let mut sampler = samples.sampler(self.point as usize, self.bounce);
@@ -272,7 +284,7 @@ impl Unknown {
                 let radiance = emitters.met(&self.hit, &surface(), origin, self.direction, self.pdf);
                 sums.emission(self.arriving * radiance, self.bounce);
             }
-            Kind::Near => walk.light(&surface(), -self.direction, self.arriving, self.bounce, &sampler, sums),
+            Kind::Near => walk.light(&surface(), -self.direction, count * self.arriving, self.bounce, &sampler, sums),
             Kind::Back => {
                 let walk = Walk { max_bounces: walk.max_bounces - self.bounce, ..*walk };
                 walk.continue_along(&from, self.direction, self.arriving, self.pdf, &mut sampler, sums);
