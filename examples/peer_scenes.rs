@@ -6,11 +6,11 @@
 use std::error::Error;
 use std::path::Path;
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 use relight::light::{EnvironmentImage, EnvironmentMap, Light, Sky};
 use relight::model::View;
 use relight::progress::Silent;
-use relight::scene::{Asset, Camera, Material, Tracer, generate, load};
+use relight::scene::{Asset, Camera, Material, Mesh, Tracer, generate, load};
 use relight::transport::reference::{Reference, ReferenceSettings};
 use serde_json::{Value, json};
 
@@ -66,14 +66,19 @@ fn main() -> Result<(), Box<dyn Error>> {
         intensity: 2.0,
     };
     write("cornell_environment", &cornell, light(synthetic()))?;
-    write("statue_environment", &statue, light(synthetic()))?;
+    // Where a shading normal is turned away from the eye Mitsuba's surfaces are black, and ours are not: with each triangle's own
+    // normal there is no such place.
+    let faceted = faceted(&statue);
+    write("statue_environment", &faceted, light(synthetic()))?;
     let sky = Sky { sun_azimuth: -0.6, intensity: 1e-4, ..Sky::at(0.7) };
-    write("statue_sky", &statue, Light::Sky(sky))?;
+    write("statue_sky", &faceted, Light::Sky(sky))?;
     let bounds = statue.mesh.bounds();
     let position = bounds.centre() + Vec3::new(0.6, 1.6, 0.4) * bounds.diagonal();
     let direction = (bounds.centre() - position).normalize();
     let size = [0.8 * bounds.diagonal(), 0.5 * bounds.diagonal()];
-    write("statue_rect", &statue, Light::Rect { position, direction, up: Vec3::Y, size, color: white, radiance: 5.0 })?;
+    let rect = Light::Rect { position, direction, up: Vec3::Y, size, color: white, radiance: 5.0 };
+    write("statue_rect", &faceted, rect.clone())?;
+    write("statue_smooth", &statue, rect)?;
 
     let mut glowing = cornell.clone();
     // The block that is nearest to the opening glows all over.
@@ -100,6 +105,25 @@ fn main() -> Result<(), Box<dyn Error>> {
         write("textured_disk", &textured, Light::Disk { position, direction, radius, color: white, radiance: 10.0 })?;
     }
     Ok(())
+}
+
+/// The asset with each triangle's own normal.
+fn faceted(asset: &Asset) -> Asset {
+    let mut asset = asset.clone();
+    let mesh = &asset.mesh;
+    let corners: Vec<u32> = mesh.triangles.iter().flatten().copied().collect();
+    let normal = |t: usize| mesh.triangle_cross(t).normalize_or(Vec3::Y);
+    let normals = (0..mesh.triangles.len()).flat_map(|t| [normal(t); 3]).collect();
+    let per_corner = |values: &[Vec2]| corners.iter().filter_map(|&v| values.get(v as usize).copied()).collect();
+    asset.mesh = Mesh {
+        positions: corners.iter().map(|&v| mesh.positions[v as usize]).collect(),
+        normals,
+        uvs: [per_corner(&mesh.uvs[0]), per_corner(&mesh.uvs[1])],
+        lightmap_uvs: per_corner(&mesh.lightmap_uvs),
+        triangles: (0..corners.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
+        ..mesh.clone()
+    };
+    asset
 }
 
 /// A smooth sky with a bright lamp in it.

@@ -80,10 +80,12 @@ impl EnvironmentMap {
         let edges: Vec<f32> = (0..=height).map(|r| (PI as f64 * r as f64 / height as f64).cos() as f32).collect();
         let solid_angle = |row: usize| (edges[row] - edges[row + 1]) * TAU / width as f32;
         let of_row = |row: usize| radiance[row * width..][..width].iter().map(|&c| luminance(c) as f64);
-        let mean = (0..height).map(|row| of_row(row).sum::<f64>() * solid_angle(row) as f64).sum::<f64>() / (4.0 * PI as f64);
+        let mean =
+            (0..height).map(|row| of_row(row).sum::<f64>() * solid_angle(row) as f64).sum::<f64>() / (4.0 * PI as f64);
         // A path that leaves a surface along its normal has a density of 1/π; with so many samples beside it, no texel
         // counts for more than one of BRIGHT times the mean.
-        let samples = |luminance: f64| if mean > 0.0 { (luminance / (BRIGHT * mean) - 1.0).max(0.0) / PI as f64 } else { 0.0 };
+        let samples =
+            |luminance: f64| if mean > 0.0 { (luminance / (BRIGHT * mean) - 1.0).max(0.0) / PI as f64 } else { 0.0 };
         let mut columns = Vec::with_capacity((width + 1) * height);
         let mut row_weights = Vec::with_capacity(height);
         for row in 0..height {
