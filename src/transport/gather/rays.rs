@@ -93,8 +93,11 @@ struct Carried {
 /// Near hits after which a ray ends; each reflects less of it.
 const MOST_NEAR_HITS: u32 = 16;
 
-/// Hits lit anew, of which one stands for all.
-const NEAR_GROUP: usize = 8;
+/// Of how many hits that are to be lit anew, at most, one is lit for all: they lie within a texel of each other.
+const LARGEST_GROUP: usize = 8;
+
+/// So many are lit at least for an account that has as many: in coarse lightmaps light changes within a texel.
+const LEAST_GROUPS: usize = 8;
 
 /// What a number is drawn for beside a ray: which of a group is lit anew.
 const NEAR_CHOICE: u32 = 4;
@@ -246,7 +249,8 @@ impl<'w, 'a> Rays<'w, 'a> {
             self.sums.clear();
             let (near, other): (Vec<&Unknown>, Vec<&Unknown>) = of_account.iter().partition(|u| u.kind == Kind::Near);
             other.iter().for_each(|unknown| unknown.trace(walk, &samples, 1.0, &mut self.sums));
-            for group in near.chunks(NEAR_GROUP) {
+            let size = (near.len() / LEAST_GROUPS).clamp(1, LARGEST_GROUP);
+            for group in near.chunks(size) {
                 let any = samples.sampler(group[0].point as usize, group[0].bounce).aside(NEAR_CHOICE).next_4d()[0];
                 group[(any * group.len() as f32) as usize].trace(walk, &samples, group.len() as f32, &mut self.sums);
             }
