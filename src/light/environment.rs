@@ -80,8 +80,7 @@ impl EnvironmentMap {
         let edges: Vec<f32> = (0..=height).map(|r| (PI as f64 * r as f64 / height as f64).cos() as f32).collect();
         let solid_angle = |row: usize| (edges[row] - edges[row + 1]) * TAU / width as f32;
         let of_row = |row: usize| radiance[row * width..][..width].iter().map(|&c| luminance(c) as f64);
-        let mean =
-            (0..height).map(|row| of_row(row).sum::<f64>() * solid_angle(row) as f64).sum::<f64>() / (4.0 * PI as f64);
+        let mean = luminance(mean(width, &edges, radiance.iter().copied())) as f64;
         // A path that leaves a surface along its normal has a density of 1/π; with so many samples beside it, no texel
         // counts for more than one of BRIGHT times the mean.
         let samples =
@@ -182,11 +181,7 @@ impl EnvironmentMap {
 
     /// Mean radiance over the sphere.
     pub fn mean(&self) -> Rgb {
-        let weighted = |row: usize| {
-            let sum: Vec3 = self.texels[row * self.width..(row + 1) * self.width].iter().map(|t| t.radiance).sum();
-            sum * ((self.edges[row] - self.edges[row + 1]) / (2.0 * self.width as f32))
-        };
-        (0..self.height).map(weighted).sum()
+        mean(self.width, &self.edges, self.radiances())
     }
 
     /// The directional lights that stand for the map where light is measured.
@@ -271,6 +266,13 @@ impl EnvironmentMap {
         let irradiance = Vec3::from_array(vectors.map(|v| v.dot(towards).max(0.0) as f32));
         Some(DistantFacet { towards: towards.as_vec3(), irradiance })
     }
+}
+
+/// Mean over the sphere of texels in rows of `width`, whose upper edges, and −1, are at these cos θ.
+fn mean(width: usize, edges: &[f32], mut texels: impl Iterator<Item = Rgb>) -> Rgb {
+    let of_row =
+        |edges: &[f32]| texels.by_ref().take(width).sum::<Rgb>() * ((edges[0] - edges[1]) / (2 * width) as f32);
+    edges.windows(2).map(of_row).sum()
 }
 
 /// Where in a map's columns a direction lies, in [0, 1].

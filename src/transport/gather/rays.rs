@@ -73,10 +73,10 @@ enum Kind {
     Escaped,
     /// Or met a surface that may emit.
     Met,
-    /// A hit so near that it is lit anew.
-    Near,
     /// The back of a surface.
     Back,
+    /// A hit so near that it is lit anew. The last, so that an account's lie together at its end.
+    Near,
 }
 
 /// Lanes of rays: for whom they are sent, and what they carry.
@@ -243,11 +243,11 @@ impl<'w, 'a> Rays<'w, 'a> {
     /// Light that the lightmap does not know, account by account.
     fn trace_unknown<'s>(&mut self, walk: &Walk<'_, 'a>, samples: impl Fn(usize) -> Samples<'s>) {
         // In an order that tells nothing of which rays were traced together.
-        self.unknown.sort_by_key(|u| (u.account, u.bounce, u.point, u.kind));
+        self.unknown.sort_by_key(|u| (u.account, u.kind, u.bounce, u.point));
         for of_account in self.unknown.chunk_by(|a, b| a.account == b.account) {
             let samples = samples(of_account[0].account as usize);
             self.sums.clear();
-            let (near, other): (Vec<&Unknown>, Vec<&Unknown>) = of_account.iter().partition(|u| u.kind == Kind::Near);
+            let (other, near) = of_account.split_at(of_account.partition_point(|u| u.kind != Kind::Near));
             other.iter().for_each(|unknown| unknown.trace(walk, &samples, 1.0, &mut self.sums));
             let size = (near.len() / LEAST_GROUPS).clamp(1, LARGEST_GROUP);
             for group in near.chunks(size) {
