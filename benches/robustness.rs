@@ -3,10 +3,11 @@
 //! number. `linear` and `local` are fitted as a training does by default, with what paths tell beforehand. The paper's baseline as
 //! published stands beside them.
 //!
-//!     cargo bench --bench robustness [-- SCENE ... KIND ...] [--seeds 10] [--first-seed 0] [--most-points 1024]
+//!     cargo bench --bench robustness [-- SCENE ... KIND ...] [--seeds 10] [--first-seed 0]
+//!         [--fewest-conditions 16] [--most-points 1024]
 //!
-//! Lightmaps are small and baked with few paths: it is the fit that is tried, with more noise than it is ever given. All seeds
-//! are tried with up to 256 conditions; the first with 1,024, too, mono.
+//! Lightmaps are small and baked with few paths: it is the fit that is tried, with more noise than it is ever given. The most
+//! conditions are tried mono and without the baseline, whose worst are elsewhere.
 
 use std::process::ExitCode;
 
@@ -18,7 +19,7 @@ use relight::model::Channels;
 use relight::progress::Silent;
 use relight::scene::{Lightmap, Tracer, UvPolicy, generate, lay_out};
 use relight::transfer::{
-    Fit, Gram, HeldOutErrors, Lambda, LocalFit, Method, PUBLISHED_LAMBDA, Precision, Prior, PriorSums, Terms,
+    Fit, Gram, HeldOutErrors, Lambda, LocalFit, Method, PUBLISHED_LAMBDA, Precision, Prior, PriorSums, Spectrum, Terms,
     TrainSettings, TransferError,
 };
 use relight::transport::{Adjoint, BakeSettings, Integrator, bake};
@@ -26,8 +27,8 @@ use relight::transport::{Adjoint, BakeSettings, Integrator, bake};
 /// Scenes, and sides of their lightmaps.
 const SCENES: [(&str, u32); 3] = [("cornell", 32), ("interior", 64), ("statue", 32)];
 const CONDITIONS: [usize; 5] = [16, 32, 64, 256, 1024];
-/// Seeds but the first stop here.
-const ALL_SEEDS: usize = 256;
+/// Beyond these only ours are tried, mono.
+const ALL_FITS: usize = 256;
 const HELD_OUT: usize = 64;
 const POINTS: [usize; 4] = [16, 64, 256, 1024];
 /// The methods, with their λ and basis elements or channels a texel.
@@ -48,7 +49,7 @@ fn main() -> ExitCode {
         arguments.iter().position(|a| a == name).map_or(default, |i| arguments[i + 1].parse().expect("a number"))
     };
     let (first, seeds) = (option("--first-seed", 0), option("--seeds", 10));
-    let most_points = option("--most-points", 1024) as usize;
+    let (fewest, most_points) = (option("--fewest-conditions", 16) as usize, option("--most-points", 1024) as usize);
     // Names of scenes and of kinds of light; of each, all where none is named.
     let chosen = |name: &str, all: &[&str]| {
         !all.iter().any(|other| arguments.iter().any(|a| a == other)) || arguments.iter().any(|a| a == name)
@@ -65,9 +66,8 @@ fn main() -> ExitCode {
             let scenario = Scenario { kinds: KindWeights::only(kind), ..Scenario::default() };
             let mut here: [Worst; METHODS.len()] = Default::default();
             for seed in first..first + seeds {
-                let training = if seed == 0 { CONDITIONS[CONDITIONS.len() - 1] } else { ALL_SEEDS };
-                match Case::new(&tracer, &lightmap, scenario.clone(), training, seed) {
-                    Ok(case) => case.fits(most_points, &mut here),
+                match Case::new(&tracer, &lightmap, scenario.clone(), seed) {
+                    Ok(case) => case.fits(fewest, most_points, &mut here),
                     // Environments need images, and nothing of these scenes emits but what the Cornell box does.
                     Err(
                         ScenarioError::Environment(_) | ScenarioError::Setting { .. } | ScenarioError::NothingEmits,
@@ -108,9 +108,9 @@ impl<'a> Case<'a> {
         tracer: &'a Tracer<'a>,
         lightmap: &'a Lightmap,
         scenario: Scenario,
-        training: usize,
         seed: u64,
     ) -> Result<Self, ScenarioError> {
+        let training = CONDITIONS[CONDITIONS.len() - 1];
         let conditions = Draw { scenario: &scenario, training, held_out: HELD_OUT }.conditions(tracer, seed)?;
         let settings = BakeSettings { paths: PATHS, max_bounces: 8, seed, integrator: Integrator::Auto };
         let baked = bake(tracer, lightmap, &conditions, &settings, &Silent).expect("nobody stops it");
@@ -126,15 +126,10 @@ impl<'a> Case<'a> {
         Ok(Self { tracer, lightmap, scenario, settings, spots, dataset, seed })
     }
 
-    /// Fits every method from every number of conditions and of points, up to `most_points`.
-    fn fits(&self, most_points: usize, worst: &mut [Worst; METHODS.len()]) {
-        let tried: Vec<usize> = CONDITIONS.into_iter().filter(|&n| n <= self.dataset.training).collect();
-        let mut parts: Vec<(Dataset, Gram)> = (tried.iter().map(|&training| self.part(training)))
-            .map(|dataset| {
-                let gram = Gram::of(&dataset, &Silent).expect("finite");
-                (dataset, gram)
-            })
-            .collect();
+    /// Fits every method from every number of conditions, from `fewest` on, and of points, up to `most_points`.
+    fn fits(&self, fewest: usize, most_points: usize, worst: &mut [Worst; METHODS.len()]) {
+        let tried = CONDITIONS.into_iter().filter(|&n| n >= fewest);
+        let mut parts: Vec<(Dataset, Gram)> = tried.map(|training| self.part(training)).collect();
         for points in POINTS.into_iter().filter(|&p| p <= most_points) {
             let (asset, each) = (self.tracer.asset(), (SUB_POINTS / points).max(1));
             let placed = MeasurementPoints::place(asset, points, each, self.seed).expect("room");
@@ -146,16 +141,27 @@ impl<'a> Case<'a> {
                 let training = dataset.training;
                 dataset.direct = self.columns(&direct, training);
                 let all_channels = [Channels::Mono, Channels::Multi];
-                for &channels in &all_channels[..if training > ALL_SEEDS { 1 } else { 2 }] {
+                for &channels in &all_channels[..if training > ALL_FITS { 1 } else { 2 }] {
                     let what = format!("{channels:?}, N {training}, P {points}, seed {}", self.seed);
-                    let prior = self.prior(dataset, gram, &placed, &unbaked, channels);
-                    for ((method, lambda, elements), worst) in METHODS.into_iter().zip(worst.iter_mut()) {
-                        let settings = TrainSettings { method, channels, elements, lambda };
-                        match self.error(dataset, gram, settings, prior.as_ref().ok()) {
-                            Ok(error) => worst.add(error, &what),
-                            // Refused, with the reason: no blow-up.
-                            Err(TransferError::TooFewConditions { .. }) => worst.refused += 1,
-                            Err(error) => worst.add(f64::NAN, &format!("{what}: {error}")),
+                    let settings = |method: usize| {
+                        let (method, lambda, elements) = METHODS[method];
+                        TrainSettings { method, channels, elements, lambda }
+                    };
+                    // `local`, and what paths tell, start from the same decompositions as `linear`.
+                    let ours = decomposed(dataset, gram, settings(0)).and_then(|spectrum| {
+                        let prior = self.prior(&spectrum.fit(settings(1))?, dataset, &placed, &unbaked)?;
+                        Ok((spectrum, Some(prior)))
+                    });
+                    let published = (training <= ALL_FITS)
+                        .then(|| decomposed(dataset, gram, settings(2)).map(|spectrum| (spectrum, None)));
+                    for (method, from) in [Some(&ours), Some(&ours), published.as_ref()].into_iter().enumerate() {
+                        match from {
+                            Some(Ok((spectrum, prior))) => {
+                                let error = self.error(spectrum, dataset, gram, settings(method), prior.as_ref());
+                                worst[method].add(error.as_ref(), &what);
+                            }
+                            Some(Err(error)) => worst[method].add(Err(error), &what),
+                            None => {}
                         }
                     }
                 }
@@ -166,16 +172,13 @@ impl<'a> Case<'a> {
     /// What paths tell of the transfer, for the basis of `local` and that of `linear`, which are the first of its elements.
     fn prior(
         &self,
+        fit: &Fit,
         dataset: &Dataset,
-        gram: &Gram,
         points: &MeasurementPoints,
         unbaked: &[Measured],
-        channels: Channels,
     ) -> Result<Prior, TransferError> {
-        let (method, lambda, elements) = METHODS[1];
-        let fit = Fit::train(dataset, gram, TrainSettings { method, channels, elements, lambda })?;
         let adjoint = Adjoint::new(self.tracer, self.lightmap, points, self.settings);
-        let mut sums = PriorSums::new(&fit, dataset, &adjoint, &Silent)?;
+        let mut sums = PriorSums::new(fit, dataset, &adjoint, &Silent)?;
         unbaked.iter().for_each(|measured| sums.add(measured));
         sums.finish()
     }
@@ -192,13 +195,14 @@ impl<'a> Case<'a> {
     /// Mean held-out error of one fit.
     fn error(
         &self,
+        spectrum: &Spectrum,
         dataset: &Dataset,
         gram: &Gram,
         settings: TrainSettings,
         prior: Option<&Prior>,
     ) -> Result<f64, TransferError> {
-        let fit = Fit::train(dataset, gram, settings)?;
-        let fit = match prior.filter(|_| settings.method != Method::Belcour) {
+        let fit = spectrum.fit(settings)?;
+        let fit = match prior {
             Some(prior) => fit.with_prior(dataset, prior)?,
             None => fit,
         };
@@ -213,18 +217,20 @@ impl<'a> Case<'a> {
     }
 
     /// The first `training` conditions, and those held out.
-    fn part(&self, training: usize) -> Dataset {
+    fn part(&self, training: usize) -> (Dataset, Gram) {
         let all = &self.dataset;
         let kept: Vec<usize> = (0..training).chain(all.held_out()).collect();
         let Indirect::Memory(values) = &all.indirect else { unreachable!("baked in memory") };
-        Dataset {
+        let dataset = Dataset {
             training,
             conditions: kept.iter().map(|&c| all.conditions[c].clone()).collect(),
             direct: Vec::new(),
             indirect: Indirect::Memory(self.columns(values, training)),
             texel_areas: all.texel_areas.clone(),
             noise: kept.iter().map(|&c| all.noise[c]).collect(),
-        }
+        };
+        let gram = Gram::of(&dataset, &Silent).expect("finite");
+        (dataset, gram)
     }
 
     /// Of rows over all conditions those over the first `training` and those held out.
@@ -232,6 +238,11 @@ impl<'a> Case<'a> {
         let of_row = |row: &[f32]| [&row[..training], &row[self.dataset.training..]].concat();
         rows.chunks(self.dataset.conditions.len()).flat_map(of_row).collect()
     }
+}
+
+/// Decomposed for fits of any size.
+fn decomposed(dataset: &Dataset, gram: &Gram, settings: TrainSettings) -> Result<Spectrum, TransferError> {
+    Spectrum::of(dataset, gram, TrainSettings { elements: 1, ..settings })
 }
 
 /// The fit with the largest mean error.
@@ -246,13 +257,22 @@ struct Worst {
 }
 
 impl Worst {
-    fn add(&mut self, error: f64, what: &str) {
+    fn add(&mut self, error: Result<&f64, &TransferError>, what: &str) {
+        let (error, what) = match error {
+            Ok(&error) => (error, what.to_owned()),
+            // Refused, with the reason: no blow-up.
+            Err(TransferError::TooFewConditions { .. }) => {
+                self.refused += 1;
+                return;
+            }
+            Err(error) => (f64::NAN, format!("{what}: {error}")),
+        };
         self.fits += 1;
         // Written so that NaN is bad; it also is the greatest.
         let fine = error <= 1.0;
         self.bad += usize::from(!fine);
         if self.error.total_cmp(&error).is_lt() {
-            (self.error, self.what) = (error, what.to_owned());
+            (self.error, self.what) = (error, what);
         }
     }
 

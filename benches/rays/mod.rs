@@ -1,6 +1,6 @@
 //! Meshes and rays to time ray tracing with: for `benches/trace.rs` and `examples/trace_peer.rs`.
 
-use glam::{Vec2, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use relight::math::{Frame, warp};
@@ -16,14 +16,15 @@ pub struct Ray {
     pub segment: Vec3,
 }
 
-/// The meshes that DESIGN names, small to large.
+/// Small to large: the plainest and the measured Cornell box, a closed surface, and one that is all edges.
 #[allow(dead_code, reason = "each program that includes this file uses its own part")]
-pub const MESHES: [&str; 3] = ["cornell", "statue", "hairball"];
+pub const MESHES: [&str; 4] = ["room", "cornell", "statue", "hairball"];
 
-/// A mesh of [`MESHES`]: 30, about 200 thousand and 1.15 million triangles.
+/// A mesh of [`MESHES`]: 30, 42, about 200 thousand and 1.15 million triangles.
 #[allow(dead_code, reason = "each program that includes this file uses its own part")]
 pub fn mesh(name: &str) -> Asset {
     match name {
+        "room" => room(),
         "statue" => fine_statue(),
         "hairball" => hairball(),
         name => generate(name).unwrap_or_else(|| panic!("no mesh is called {name}")),
@@ -55,6 +56,28 @@ pub fn rays(asset: &Asset, count: usize, seed: u64) -> Vec<Ray> {
             Ray { origin, direction, segment: target - origin }
         })
         .collect()
+}
+
+/// A cube without a front and two turned blocks without bottoms: a Cornell box of 15 rectangles. That of the program is the measured
+/// one, whose walls are no parallelograms and whose floor has holes.
+fn room() -> Asset {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    let mut rectangles = |turn: Mat3, centre: Vec3, half: Vec3, inside: f32, without: Vec3| {
+        for (normal, u) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
+            for n in [normal, -normal].into_iter().filter(|&n| n != without) {
+                let v = n.cross(u) * inside;
+                let first = positions.len() as u32;
+                positions.extend([n - u - v, n + u - v, n + u + v, n - u + v].map(|c| turn * (c * half) + centre));
+                triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+            }
+        }
+    };
+    rectangles(Mat3::IDENTITY, Vec3::ZERO, Vec3::ONE, -1.0, Vec3::Z);
+    for (angle, x, z, height) in [(0.3, -0.35, -0.3, 0.6), (-0.3, 0.35, 0.35, 0.3)] {
+        let (centre, half) = (Vec3::new(x, height - 1.0, z), Vec3::new(0.3, height, 0.3));
+        rectangles(Mat3::from_rotation_y(angle), centre, half, 1.0, Vec3::NEG_Y);
+    }
+    of_triangles("room", positions, triangles)
 }
 
 /// The statue, each triangle divided into 25, new vertices pushed a little off the old surface so that no two triangles lie in

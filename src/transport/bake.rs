@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::Walk;
 use super::conditions::LightSums;
 use super::gather::{self, Gather};
+use super::spare::Spares;
 use crate::light::{Emitters, LightSet, LightingCondition};
 use crate::math::{Rgb, Sampler};
 use crate::progress::Progress;
@@ -260,7 +261,7 @@ impl<'t, 'a> Baker<'t, 'a> {
 
     /// Bakes a range, some texels at a time. `start` readies a thread, `rays` tells how many it has cast, and `bake` writes the
     /// rows of some texels and adds up their noise.
-    fn each_chunk<S>(
+    fn each_chunk<S: Send>(
         &self,
         out: &mut [f32],
         range: Range<usize>,
@@ -272,20 +273,23 @@ impl<'t, 'a> Baker<'t, 'a> {
         let n = self.conditions();
         let row = 3 * n;
         let size = if self.gather.is_some() { gather::TEXELS } else { CHUNK };
-        let so_far = NoiseSoFar::default();
+        let (so_far, states) = (NoiseSoFar::default(), Spares::new(start));
         // Each chunk's share of the noise is kept apart and summed in order, so that rounding does not depend on the threads.
         let shares: Vec<(NoiseSums, u64)> = out
             .par_chunks_mut((size * row).max(1))
             .enumerate()
-            .map_init(&start, |state, (chunk, rows)| {
+            .map(|(chunk, rows)| {
                 let mut noise = NoiseSums::new(n);
-                let rays_before = rays(state);
                 let first = range.start + chunk * size;
                 let texels = first..(first + size).min(range.end);
-                bake(state, texels.clone(), rows, &mut noise);
+                let rays = states.lend(|state: &mut S| {
+                    let rays_before = rays(state);
+                    bake(state, texels.clone(), rows, &mut noise);
+                    rays(state) - rays_before
+                });
                 progress.advance(texels.len() as u64);
                 so_far.add(&noise, progress);
-                (noise, rays(state) - rays_before)
+                (noise, rays)
             })
             .collect();
         if progress.cancelled() {

@@ -41,7 +41,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--rays", type=int, default=400_000)
-    parser.add_argument("mesh", nargs="*", default=["cornell", "statue", "hairball"])
+    parser.add_argument("mesh", nargs="*", default=["room", "cornell", "statue", "hairball"])
     arguments = parser.parse_args()
     OUT.mkdir(parents=True, exist_ok=True)
     embree = OUT / "embree_trace"

@@ -8,8 +8,10 @@
 //! that meets the piece, so that |t·d| ≤ R: g at the origin errs by at most 8u|∇g|R, its slope by 8u|∇g||d|, so t by
 //! 16u|∇g|R / |slope of g|; the point met rounds by 4uR, and u and v there by 21u|∇|R. ∇g is scaled such that |∇g||∇u| and
 //! |∇g||∇v| are at most 1: u and v err by less than 48u R|d| / |slope of g|. The exact test moves corners across the ray by up
-//! to 9uR, and [`PARALLEL`] allows them to be off the piece by 8uR, which is as much again of u and v. [`BAND`] is about twice
-//! the sum of 65u.
+//! to 9uR, and [`PARALLEL`] allows them to be off the piece by 8uR, which is as much again of u and v; pieces in one plane are met
+//! there together, and may be off it by another 8uR. [`BAND`] is nearly twice the sum of 73u.
+
+use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
@@ -23,12 +25,14 @@ use crate::scene::Hit;
 /// Of R|d| / |slope of g|: where u and v are that close to the piece's edge the exact test decides.
 const BAND: f32 = 64.0 * f32::EPSILON;
 
-/// Of the furthest corner's distance from zero: how far a parallelogram's fourth corner may be off.
+/// Of the furthest corner's distance from zero: how far a parallelogram's fourth corner may be off, and corners off a plane.
 const PARALLEL: f64 = 4.0 * f32::EPSILON as f64;
 
 /// All triangles of a mesh but those without area, which no ray hits.
 pub struct Pieces {
     pub blocks: Vec<Block>,
+    /// All pieces, plane by plane.
+    planes: Vec<Plane>,
     /// Metres: the furthest corner's distance from zero.
     pub size: f32,
 }
@@ -46,6 +50,13 @@ pub struct Block {
     pub present: u32,
     /// The triangles on either side of u + v = 0.
     halves: [[Half; 2]; LANES],
+}
+
+/// Pieces that lie in one plane, such as those of a floor.
+struct Plane {
+    /// g by x, y, z and 1, for all of them as flat as that of the piece that is the least sure of u and v.
+    function: [f32; 4],
+    pieces: Range<usize>,
 }
 
 /// A triangle of a piece.
@@ -92,8 +103,16 @@ impl Pieces {
                 None => pieces.push(Piece { first, second: None, corners: [0, 1, 2] }),
             }
         }
-        let functions: Vec<_> = pieces.iter().filter_map(|p| Some((p, p.functions(&triangles[p.first])?))).collect();
-        let block = |pieces: &[(&Piece, [[f32; 4]; 3])]| {
+        let functions = pieces.into_iter().filter_map(|p| Some((p.functions(&triangles[p.first])?, p)));
+        let coplanar = coplanar(functions, triangles, PARALLEL * f64::from(size));
+        let mut first = 0;
+        let planes = coplanar.iter().map(|pieces| {
+            first += pieces.len();
+            Plane { function: flattest(pieces), pieces: first - pieces.len()..first }
+        });
+        let planes = planes.collect();
+        let functions: Vec<_> = coplanar.into_iter().flatten().collect();
+        let block = |pieces: &[(Functions, Piece)]| {
             // Where there is no piece g is 0 everywhere, which no ray meets.
             let mut block = Block {
                 functions: [[[0.0; LANES]; 4]; 3],
@@ -102,7 +121,7 @@ impl Pieces {
                 present: 0,
                 halves: Default::default(),
             };
-            for (lane, (piece, functions)) in pieces.iter().enumerate() {
+            for (lane, (functions, piece)) in pieces.iter().enumerate() {
                 for (f, i) in (0..3).flat_map(|f| (0..4).map(move |i| (f, i))) {
                     block.functions[f][i][lane] = functions[f][i];
                 }
@@ -113,7 +132,13 @@ impl Pieces {
             }
             block
         };
-        Self { blocks: functions.chunks(LANES).map(block).collect(), size }
+        Self { blocks: functions.chunks(LANES).map(block).collect(), planes, size }
+    }
+
+    /// How many planes they lie in.
+    #[cfg(test)]
+    pub fn planes(&self) -> usize {
+        self.planes.len()
     }
 
     #[inline(always)]
@@ -121,34 +146,41 @@ impl Pieces {
         let (o, d) = (splat(origin), splat(direction));
         let (zero, k) = (F32x16::splat(0.0), band(self.size, &o, &d));
         let far = F32x16::splat(t_max);
-        let mut t = far;
-        let [mut u, mut v, mut per_slope, mut block_of] = [zero; 4];
+        let Some((first, others)) = self.blocks.split_first() else { return Answer::Nothing };
+        // Where the block's pieces are met; at `far` those that are not.
+        let meet = |block: &Block| {
+            let met = block.meet(&o, &d);
+            let slack = met.per_slope.abs() * k;
+            let near = zero.at_most(met.margin + slack).and(zero.below(met.t));
+            (far.replace(met.t, near), met.u, met.v, met.margin - slack)
+        };
         // No branch depends on where the ray goes before all pieces are tested: at this size mispredictions would cost more
         // than the tests.
-        for (i, block) in self.blocks.iter().enumerate() {
-            let met = block.meet(&o, &d);
-            let near = zero.at_most(met.per_slope.abs().mul_add(k, met.margin));
-            let here = far.replace(met.t, near.and(zero.below(met.t)));
-            let nearer = here.below(t);
-            t = t.min(here);
-            u = u.replace(met.u, nearer);
-            v = v.replace(met.v, nearer);
-            per_slope = per_slope.replace(met.per_slope, nearer);
+        let (mut t, mut u, mut v, mut certainty) = meet(first);
+        let mut block_of = zero;
+        for (i, block) in others.iter().enumerate() {
+            let (t_here, u_here, v_here, certainty_here) = meet(block);
+            let nearer = t_here.below(t);
+            t = t.min(t_here);
+            u = u.replace(u_here, nearer);
+            v = v.replace(v_here, nearer);
+            certainty = certainty.replace(certainty_here, nearer);
             // A number's bits, which nothing but this reads.
-            block_of = block_of.replace(F32x16::splat(f32::from_bits(i as u32)), nearer);
+            block_of = block_of.replace(F32x16::splat(f32::from_bits(i as u32 + 1)), nearer);
         }
         let best = t.least();
         if best >= t_max {
             return Answer::Nothing;
         }
         let lane = t.at_most(F32x16::splat(best)).bits().trailing_zeros() as usize % LANES;
-        let block = &self.blocks[block_of.to_array()[lane].to_bits() as usize];
-        let (u, v) = (u.to_array()[lane], v.to_array()[lane]);
-        let margin = (1.0 - u.abs().max(v.abs())).min(block.half_limit[lane] - 0.5 * (u + v));
-        if margin <= per_slope.to_array()[lane].abs() * k.to_array()[0] {
+        if certainty.to_array()[lane] <= 0.0 {
             return Answer::Unsure;
         }
-        Answer::Hit(block.hit(lane, best, u, v))
+        let block = match others {
+            [] => first,
+            _ => &self.blocks[block_of.to_array()[lane].to_bits() as usize],
+        };
+        Answer::Hit(block.hit(lane, best, u.to_array()[lane], v.to_array()[lane]))
     }
 
     /// What the rays of `active` hit, and those of which the exact test must be asked.
@@ -160,19 +192,33 @@ impl Pieces {
         let far = F32x16::splat(f32::INFINITY);
         let mut t = far;
         let [mut u, mut v, mut certainty, mut piece] = [zero; 4];
-        for (i, block) in self.blocks.iter().enumerate() {
-            for lane in 0..block.present.count_ones() as usize {
-                let met = block.meet_with(lane, &o, &d);
-                let slack = met.per_slope.abs() * k;
-                let near = zero.at_most(met.margin + slack);
-                let nearer = near.and(zero.below(met.t)).and(met.t.below(t));
-                t = t.replace(met.t, nearer);
-                u = u.replace(met.u, nearer);
-                v = v.replace(met.v, nearer);
-                certainty = certainty.replace(met.margin - slack, nearer);
-                // A number's bits, which nothing but this reads.
-                piece = piece.replace(F32x16::splat(f32::from_bits((i * LANES + lane) as u32)), nearer);
+        // A number's bits, which nothing but this reads.
+        let numbered = |piece: usize| F32x16::splat(f32::from_bits(piece as u32));
+        for plane in &self.planes {
+            let [x, y, z, one] = plane.function.map(F32x16::splat);
+            let per_slope = F32x16::splat(-1.0) / dot(&[x, y, z], &d);
+            let t_here = z.mul_add(o[2], y.mul_add(o[1], x.mul_add(o[0], one))) * per_slope;
+            let at = [d[0].mul_add(t_here, o[0]), d[1].mul_add(t_here, o[1]), d[2].mul_add(t_here, o[2])];
+            // The piece that the place is the furthest inside of.
+            let first = plane.pieces.start;
+            let (mut u_here, mut v_here, mut margin) = self.blocks[first / LANES].place_with(first % LANES, &at);
+            let mut piece_here = numbered(first);
+            for other in first + 1..plane.pieces.end {
+                let (u_other, v_other, margin_other) = self.blocks[other / LANES].place_with(other % LANES, &at);
+                let better = margin.below(margin_other);
+                u_here = u_here.replace(u_other, better);
+                v_here = v_here.replace(v_other, better);
+                margin = margin.max(margin_other);
+                piece_here = piece_here.replace(numbered(other), better);
             }
+            let slack = per_slope.abs() * k;
+            let near = zero.at_most(margin + slack);
+            let nearer = near.and(zero.below(t_here)).and(t_here.below(t));
+            t = t.replace(t_here, nearer);
+            u = u.replace(u_here, nearer);
+            v = v.replace(v_here, nearer);
+            certainty = certainty.replace(margin - slack, nearer);
+            piece = piece.replace(piece_here, nearer);
         }
         let mut hits = Hits { t: t.to_array(), u: u.to_array(), v: v.to_array(), ..Hits::NONE };
         hits.hit = t.below(far).bits() & active;
@@ -233,23 +279,19 @@ impl Block {
         Met { t, u, v, margin: within.min(below_limit), per_slope }
     }
 
-    /// One piece, and a ray in every lane.
+    /// u, v and the margin of one piece, at a place of its plane in every lane.
     #[inline(always)]
-    fn meet_with(&self, piece: usize, o: &[F32x16; 3], d: &[F32x16; 3]) -> Met {
+    fn place_with(&self, piece: usize, at: &[F32x16; 3]) -> (F32x16, F32x16, F32x16) {
         let factor = |f: usize, i: usize| F32x16::splat(self.functions[f][i][piece]);
-        let linear = |f: usize, p: &[F32x16; 3], one: F32x16| {
-            factor(f, 2).mul_add(p[2], factor(f, 1).mul_add(p[1], factor(f, 0).mul_add(p[0], one)))
+        let linear = |f: usize| {
+            factor(f, 2).mul_add(at[2], factor(f, 1).mul_add(at[1], factor(f, 0).mul_add(at[0], factor(f, 3))))
         };
-        let slope = factor(2, 2).mul_add(d[2], factor(2, 1).mul_add(d[1], factor(2, 0) * d[0]));
-        let per_slope = F32x16::splat(-1.0) / slope;
-        let t = linear(2, o, factor(2, 3)) * per_slope;
-        let at = [d[0].mul_add(t, o[0]), d[1].mul_add(t, o[1]), d[2].mul_add(t, o[2])];
-        let (u, v) = (linear(0, &at, factor(0, 3)), linear(1, &at, factor(1, 3)));
+        let (u, v) = (linear(0), linear(1));
         let mut margin = F32x16::splat(1.0) - u.abs().max(v.abs());
         if self.triangles >> piece & 1 != 0 {
             margin = margin.min((u + v) * F32x16::splat(-0.5));
         }
-        Met { t, u, v, margin, per_slope }
+        (u, v, margin)
     }
 
     #[inline(always)]
@@ -282,6 +324,40 @@ struct Piece {
     corners: [usize; 3],
 }
 
+/// u, v and g of a piece.
+type Functions = [[f32; 4]; 3];
+
+/// Pieces that lie in one plane to within `tolerance`, each time.
+fn coplanar(
+    pieces: impl Iterator<Item = (Functions, Piece)>,
+    triangles: &[[Vec3; 3]],
+    tolerance: f64,
+) -> Vec<Vec<(Functions, Piece)>> {
+    // A point and the unit normal of each, and its pieces.
+    let mut planes: Vec<[DVec3; 2]> = Vec::new();
+    let mut pieces_of: Vec<Vec<(Functions, Piece)>> = Vec::new();
+    for (functions, piece) in pieces {
+        let [a, b, c] = piece.corners.map(|corner| triangles[piece.first][corner].as_dvec3());
+        // The fourth of a parallelogram.
+        let corners = [a, b, c, b + c - a];
+        let holds = |[point, normal]: &[DVec3; 2]| corners.iter().all(|&c| (c - point).dot(*normal).abs() <= tolerance);
+        let plane = planes.iter().position(holds).unwrap_or_else(|| {
+            planes.push([a, (b - a).cross(c - a).normalize()]);
+            pieces_of.push(Vec::new());
+            planes.len() - 1
+        });
+        pieces_of[plane].push((functions, piece));
+    }
+    pieces_of
+}
+
+/// g of the first of some pieces in one plane, scaled to the least slope of all.
+fn flattest(pieces: &[(Functions, Piece)]) -> [f32; 4] {
+    let slope = |functions: &Functions| Vec3::from_slice(&functions[2]).length();
+    let least = pieces.iter().map(|(functions, _)| slope(functions)).fold(f32::INFINITY, f32::min);
+    pieces[0].0[2].map(|factor| factor * (least / slope(&pieces[0].0)))
+}
+
 /// Corners of two triangles that make a parallelogram; see [`Piece`].
 struct Order {
     first: [usize; 3],
@@ -302,7 +378,7 @@ fn parallelogram(first: &[Vec3; 3], second: &[Vec3; 3], tolerance: f64) -> Optio
 
 impl Piece {
     /// u, v and g by x, y, z and 1, if there is a plane.
-    fn functions(&self, triangle: &[Vec3; 3]) -> Option<[[f32; 4]; 3]> {
+    fn functions(&self, triangle: &[Vec3; 3]) -> Option<Functions> {
         let [a, b, c] = self.corners.map(|corner| triangle[corner].as_dvec3());
         let normal = (b - a).cross(c - a);
         let (u, v) = (

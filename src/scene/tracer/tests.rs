@@ -2,6 +2,7 @@
 
 use glam::{Mat3, Vec3};
 
+use super::pieces::Pieces;
 use super::{SEGMENT_END, Search, Segments, Tracer};
 use crate::math::{LANES, Sampler, warp};
 use crate::scene::{Asset, Hit, Material, Mesh};
@@ -163,6 +164,26 @@ fn boxes(side: usize) -> Vec<[Vec3; 3]> {
     triangles
 }
 
+/// A turned square of 2·`side`² triangles, of which no two make a parallelogram: in one plane but for what their corners round.
+fn tiles(random: &mut Random, side: usize) -> Vec<[Vec3; 3]> {
+    let turn = Mat3::from_rotation_x(0.7) * Mat3::from_rotation_y(0.4);
+    let corners: Vec<Vec3> = (0..(side + 1) * (side + 1))
+        .map(|i| Vec3::new((i % (side + 1)) as f32, 0.0, (i / (side + 1)) as f32) * (2.0 / side as f32) - 1.0)
+        .map(|at| turn * (at + random.point() * Vec3::new(0.2, 0.0, 0.2) / side as f32) + 0.3)
+        .collect();
+    let cell = |i: usize| [0, 1, side + 1, side + 2].map(|step| corners[i / side * (side + 1) + i % side + step]);
+    (0..side * side).map(cell).flat_map(|[a, b, c, d]| [[a, b, d], [a, d, c]]).collect()
+}
+
+/// Coplanar pieces are met as one plane, to within what corners round.
+#[test]
+fn tiles_lie_in_one_plane() {
+    let tiles = tiles(&mut Random::new(3), 4);
+    assert_eq!(Pieces::new(&tiles, |_| true).planes(), 1);
+    let bent: Vec<_> = tiles.iter().map(|t| t.map(|corner| corner + 1e-4 * corner.x * corner.x)).collect();
+    assert!(Pieces::new(&bent, |_| true).planes() > 20, "a control");
+}
+
 /// From one origin, packets see the same through the tree as through the whole mesh, whole packets and parts.
 #[test]
 fn packets_see_the_same_through_the_tree() {
@@ -203,6 +224,7 @@ fn rays_hit_together_what_they_hit_alone() {
     let mut random = Random::new(13);
     let mut triangles = soup(&mut random, 60);
     triangles.extend(boxes(2));
+    triangles.extend(tiles(&mut random, 4));
     let indices = (0..triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
     let asset = asset(triangles.concat(), indices);
     for search in [Search::Brute, Search::Tree] {

@@ -15,6 +15,7 @@ use crate::math::sampler::mix64;
 use crate::math::{LANES, Rgb};
 use crate::progress::Progress;
 use crate::scene::Lightmap;
+use crate::transport::spare::Spares;
 use crate::transport::{BakeError, BakeSettings, Walk};
 
 /// The light of patches after any number of bounces.
@@ -62,20 +63,20 @@ impl Bounced {
         // A path that has used its bounces up to here still takes the one to the texel.
         let walk = Walk { max_bounces: settings.max_bounces.saturating_sub(1), ..*walk };
         let starts: Vec<usize> = (0..patches.len()).step_by(PATCHES_AT_A_TIME).collect();
+        let rays = Spares::new(|| Rays::new(&walk, set, direct.light.columns()));
         let received: Vec<(Vec<Received>, u64)> = starts
             .par_iter()
-            .map_init(
-                || Rays::new(&walk, set, direct.light.columns()),
-                |rays, &start| {
-                    if progress.cancelled() {
-                        return (Vec::new(), 0);
-                    }
+            .map(|&start| {
+                if progress.cancelled() {
+                    return (Vec::new(), 0);
+                }
+                let some = start..(start + PATCHES_AT_A_TIME).min(patches.len());
+                progress.advance(some.len() as u64);
+                rays.lend(|rays| {
                     let before = rays.sent();
-                    let some = start..(start + PATCHES_AT_A_TIME).min(patches.len());
-                    progress.advance(some.len() as u64);
                     (receive(&walk, lightmap, patches, &samples, settings, some, rays), rays.sent() - before)
-                },
-            )
+                })
+            })
             .collect();
         progress.end();
         if progress.cancelled() {

@@ -9,6 +9,7 @@ use crate::math::Sampler;
 use crate::progress::Progress;
 use crate::scene::Lightmap;
 use crate::transport::conditions::LightSums;
+use crate::transport::spare::Spares;
 use crate::transport::{BakeError, BakeSettings, Walk};
 
 /// Direct irradiance.
@@ -44,9 +45,9 @@ impl Direct {
         let mut light = Rows::new(lightmap.texels.len(), if coloured { 3 } else { 1 }, padded(columns));
         progress.begin("direct", lightmap.texels.len() as u64, "texels");
         let parts = light.parts_mut(TEXELS_AT_A_TIME);
-        let rays = parts.into_par_iter().map_init(
-            || LightSums::new(set, walk.tracer),
-            |sums, mut part| {
+        let sums = Spares::new(|| LightSums::new(set, walk.tracer));
+        let rays = parts.into_par_iter().map(|mut part| {
+            sums.lend(|sums| {
                 let before = sums.rays();
                 let texels = part.first..(part.first + TEXELS_AT_A_TIME).min(lightmap.texels.len());
                 for texel in texels {
@@ -71,8 +72,8 @@ impl Direct {
                     progress.advance(1);
                 }
                 sums.rays() - before
-            },
-        );
+            })
+        });
         let rays = rays.sum();
         progress.end();
         if progress.cancelled() { Err(BakeError::Cancelled) } else { Ok(Self { light, rays }) }
