@@ -25,6 +25,8 @@
 //!
 //! `docs/METHOD.md` has the notation and the numbered equations that comments cite.
 
+mod spare;
+
 // In the order of the table.
 pub mod math;
 pub mod files;

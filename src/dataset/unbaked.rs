@@ -50,6 +50,8 @@ impl Unbaked<'_> {
         let own = std::iter::once((None, self.scenario.clone(), self.own));
         let others = foreign(self.scenario).map(|(kind, scenario)| (Some(kind), scenario, conditions_of(kind)));
         let emission = EmissionFacets::of(self.tracer.asset());
+        // Megabytes, that each measurement would fault in anew.
+        let mut room = Vec::new();
         for (foreign, scenario, count) in own.chain(others) {
             let draw = Draw { scenario: &scenario, training: count, held_out: 0 };
             let conditions = match draw.conditions(self.tracer, mix64(self.seed ^ STREAM)) {
@@ -59,10 +61,12 @@ impl Unbaked<'_> {
             };
             for some in conditions.chunks(AT_ONCE) {
                 let table = LightTable::from_conditions(some, &emission);
-                let sub_points = self.points.sub_point_matrix(self.tracer, &table);
+                let (mut sub_points, of_kind) = (std::mem::take(&mut room), conditions.len());
+                self.points.fill_sub_point_matrix(self.tracer, &table, &mut sub_points);
                 let points = self.points.average_rows(&sub_points, 3 * some.len());
-                let of_kind = conditions.len();
-                visit(&Measured { conditions: some.len(), of_kind, foreign, sub_points, points });
+                let measured = Measured { conditions: some.len(), of_kind, foreign, sub_points, points };
+                visit(&measured);
+                room = measured.sub_points;
             }
         }
         Ok(())

@@ -7,6 +7,7 @@ use super::{MeasurementPoint, MeasurementPoints};
 use crate::light::{LightGather, LightTable};
 use crate::math::{LANES, Rgb};
 use crate::scene::{Bsdf, Surface, Tracer, lanes};
+use crate::spare::Spares;
 
 impl MeasurementPoints {
     /// x under the lights of one condition, one RGB a point.
@@ -50,12 +51,19 @@ impl MeasurementPoints {
 
     /// Radiant exitance of every sub-point under all conditions: `[sub-point][channel][condition]`.
     pub fn sub_point_matrix(&self, tracer: &Tracer, table: &LightTable) -> Vec<f32> {
+        let mut exitance = Vec::new();
+        self.fill_sub_point_matrix(tracer, table, &mut exitance);
+        exitance
+    }
+
+    /// The same, in place of what `exitance` holds.
+    pub fn fill_sub_point_matrix(&self, tracer: &Tracer, table: &LightTable, exitance: &mut Vec<f32>) {
         let n = table.condition_count();
-        let mut exitance = vec![0f32; self.sub_points.len() * 3 * n];
-        let rows = exitance.par_chunks_mut((3 * n).max(1)).zip(&self.sub_points);
-        rows.for_each_init(
-            || (LightGather::new(table, tracer), vec![0f32; table.block_count() * LANES]),
-            |(gather, irradiance), (row, point)| {
+        exitance.clear();
+        exitance.resize(self.sub_points.len() * 3 * n, 0.0);
+        let gathers = Spares::new(|| (LightGather::new(table, tracer), vec![0f32; table.block_count() * LANES]));
+        exitance.par_chunks_mut((3 * n).max(1)).zip(&self.sub_points).for_each(|(row, point)| {
+            gathers.lend(|(gather, irradiance)| {
                 irradiance.fill(0.0);
                 gather.gather(&point.receiver(), |a| {
                     for i in lanes(a.open) {
@@ -68,9 +76,8 @@ impl MeasurementPoints {
                         row[channel * n + table.condition(light)] += value[channel];
                     }
                 }
-            },
-        );
-        exitance
+            });
+        });
     }
 }
 

@@ -110,16 +110,13 @@ impl PriorSums {
     /// cause, bounded against the others that were measured with it.
     pub fn add(&mut self, measured: &Measured) {
         let n = measured.conditions;
-        let matrix = |values: &[f32], group: &[usize]| {
-            let width = group.len();
-            Mat::from_fn(values.len() / (3 * n) * width, n, |row, k| {
-                values[(row / width * 3 + group[row % width]) * n + k] as f64
-            })
-        };
         // Direct vectors, and the coefficients that the sub-points predict.
         let pairs: Vec<Pair> = (self.groups.par_iter().zip(&self.from_sub_points))
             .map(|(group, transfer)| {
-                (matrix(&measured.points, group), product_of(transfer, &matrix(&measured.sub_points, group)))
+                let direct = Mat::from_fn(measured.points.len() / (3 * n) * group.len(), n, |row, k| {
+                    measured.points[row_of(group, row) * n + k] as f64
+                });
+                (direct, predicted(transfer, &measured.sub_points, group, n))
             })
             .collect();
         let norms: Vec<(f64, f64)> = (0..n)
@@ -177,15 +174,38 @@ fn add_product(sum: &mut Mat<f64>, a: MatRef<f64>, b: MatRef<f64>, symmetric: bo
     });
 }
 
-/// A B.
-fn product_of(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
-    let mut product = Mat::zeros(a.nrows(), b.ncols());
-    add_product(&mut product, a.as_ref(), b.as_ref(), false);
-    product
-}
-
 /// Columns of a product that one thread makes at a time.
 const COLUMNS: usize = 32;
+
+/// The coefficients, `[element][condition]`, that sub-points' exitance, `[sub-point][channel][condition]`, predicts: `transfer`
+/// times the rows of `group`.
+fn predicted(transfer: &Mat<f64>, sub_points: &[f32], group: &[usize], n: usize) -> Mat<f64> {
+    let mut coefficients = Mat::zeros(transfer.nrows(), n);
+    coefficients.as_mut().par_col_chunks_mut(COLUMNS).enumerate().for_each(|(block, mut sum)| {
+        let columns = block * COLUMNS..block * COLUMNS + sum.ncols();
+        // A few rows at a time in double precision: all of them are megabytes.
+        let mut doubles = Vec::with_capacity(ROWS * columns.len());
+        for first in (0..transfer.ncols()).step_by(ROWS) {
+            let count = ROWS.min(transfer.ncols() - first);
+            doubles.clear();
+            for row in first..first + count {
+                let row = &sub_points[row_of(group, row) * n..][columns.clone()];
+                doubles.extend(row.iter().map(|&x| x as f64));
+            }
+            let some = MatRef::from_row_major_slice(&doubles, count, columns.len());
+            matmul(sum.as_mut(), Accum::Add, transfer.subcols(first, count), some, 1.0, Par::Seq);
+        }
+    });
+    coefficients
+}
+
+/// Rows of a product's right side that are in double precision at once.
+const ROWS: usize = 256;
+
+/// Where a group's row stands among rows `[point][channel]`.
+fn row_of(group: &[usize], row: usize) -> usize {
+    row / group.len() * 3 + group[row % group.len()]
+}
 
 /// Adds `weight` times the elements at one texel, `[component][element]`, to a sub-point's sums, `[channel][element]`.
 fn add(sums: &mut [f64], weight: Rgb, basis: &[f64], elements: usize) {

@@ -9,11 +9,11 @@ use rayon::prelude::*;
 use super::Walk;
 use super::conditions::LightSums;
 use super::gather::{self, Gather};
-use super::spare::Spares;
 use crate::light::{Emitters, LightSet, LightingCondition};
 use crate::math::{Rgb, Sampler};
 use crate::progress::Progress;
 use crate::scene::{Asset, Lightmap, Reflectance, Tracer};
+use crate::spare::Spares;
 
 /// How the bake samples.
 #[derive(Clone, Copy, Debug, PartialEq)]

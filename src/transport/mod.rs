@@ -7,7 +7,6 @@ pub mod conditions;
 mod gather;
 pub mod path;
 pub mod reference;
-mod spare;
 
 pub use adjoint::{Adjoint, Deposit};
 pub use bake::{BakeError, BakeSettings, Baked, BakedTexels, Baker, Integrator, NoiseSums, TILE, bake, bake_direct};

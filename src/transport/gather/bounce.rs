@@ -15,7 +15,7 @@ use crate::math::sampler::mix64;
 use crate::math::{LANES, Rgb};
 use crate::progress::Progress;
 use crate::scene::Lightmap;
-use crate::transport::spare::Spares;
+use crate::spare::Spares;
 use crate::transport::{BakeError, BakeSettings, Walk};
 
 /// The light of patches after any number of bounces.

@@ -8,8 +8,8 @@ use crate::light::LightSet;
 use crate::math::Sampler;
 use crate::progress::Progress;
 use crate::scene::Lightmap;
+use crate::spare::Spares;
 use crate::transport::conditions::LightSums;
-use crate::transport::spare::Spares;
 use crate::transport::{BakeError, BakeSettings, Walk};
 
 /// Direct irradiance.
