@@ -4,7 +4,7 @@
 use std::sync::{Mutex, PoisonError};
 
 /// Makes as many as are in use at once.
-pub(crate) struct Spares<S, F> {
+pub struct Spares<S, F> {
     make: F,
     idle: Mutex<Vec<S>>,
 }
