@@ -7,7 +7,6 @@ use super::{MeasurementPoint, MeasurementPoints};
 use crate::light::{LightGather, LightTable};
 use crate::math::{LANES, Rgb};
 use crate::scene::{Bsdf, Surface, Tracer, lanes};
-use crate::spare::Spares;
 
 impl MeasurementPoints {
     /// x under the lights of one condition, one RGB a point.
@@ -61,9 +60,10 @@ impl MeasurementPoints {
         let n = table.condition_count();
         exitance.clear();
         exitance.resize(self.sub_points.len() * 3 * n, 0.0);
-        let gathers = Spares::new(|| (LightGather::new(table, tracer), vec![0f32; table.block_count() * LANES]));
-        exitance.par_chunks_mut((3 * n).max(1)).zip(&self.sub_points).for_each(|(row, point)| {
-            gathers.lend(|(gather, irradiance)| {
+        let rows = exitance.par_chunks_mut((3 * n).max(1)).zip(&self.sub_points);
+        rows.for_each_init(
+            || (LightGather::new(table, tracer), vec![0f32; table.block_count() * LANES]),
+            |(gather, irradiance), (row, point)| {
                 irradiance.fill(0.0);
                 gather.gather(&point.receiver(), |a| {
                     for i in lanes(a.open) {
@@ -76,8 +76,8 @@ impl MeasurementPoints {
                         row[channel * n + table.condition(light)] += value[channel];
                     }
                 }
-            });
-        });
+            },
+        );
     }
 }
 
