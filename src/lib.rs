@@ -8,7 +8,7 @@
 //! | [`math`] | frames, sampling warps beside their pdfs, the sample generator, spherical harmonics, colour |
 //! | [`files`] | reading words, writing files whole or not at all |
 //! | [`progress`] | how long work tells how far it is, and learns that it should stop |
-//! | [`spare`] | what threads work with, lent from job to job |
+//! | [`memory`] | large arrays, and what threads work with, lent from job to job |
 //! | [`scene`] | asset import, materials, ray tracing, lightmap charts and texels |
 //! | [`light`] | light kinds, the lighting condition, scenarios |
 //! | [`measure`] | measurement points, their sub-points, the direct vector x |
@@ -30,7 +30,7 @@
 pub mod math;
 pub mod files;
 pub mod progress;
-pub mod spare;
+pub mod memory;
 pub mod scene;
 pub mod light;
 pub mod measure;

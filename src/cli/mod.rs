@@ -33,8 +33,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::dataset::memory::return_freed_memory;
 use crate::files::{check_writable, write_whole};
+use crate::memory::return_freed_memory;
 pub use failure::Failure;
 pub use reporter::Reporter;
 

@@ -83,22 +83,6 @@ impl Bytes {
     }
 }
 
-/// Makes the C library give large blocks back to the system as soon as they are freed, so that what is resident is what is in
-/// use. By itself glibc keeps blocks of up to 32 MiB for later.
-pub fn return_freed_memory() {
-    #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    {
-        use std::ffi::c_int;
-        unsafe extern "C" {
-            fn mallopt(param: c_int, value: c_int) -> c_int;
-        }
-        /// Blocks from this size on have pages of their own (malloc.h).
-        const M_MMAP_THRESHOLD: c_int = -3;
-        // SAFETY: glibc's own function, which takes any numbers.
-        unsafe { mallopt(M_MMAP_THRESHOLD, 256 << 10) };
-    }
-}
-
 /// The value, in bytes, of a line such as `VmRSS:  1234 kB`.
 fn kibibytes(file: &str, name: &str) -> Option<u64> {
     let text = std::fs::read_to_string(file).ok()?;

@@ -8,12 +8,12 @@ use rayon::prelude::*;
 
 use super::Walk;
 use super::conditions::LightSums;
-use super::gather::{self, Gather};
+use super::gather::Gather;
 use crate::light::{Emitters, LightSet, LightingCondition};
 use crate::math::{Rgb, Sampler};
+use crate::memory::{Spares, zeros};
 use crate::progress::Progress;
 use crate::scene::{Asset, Lightmap, Reflectance, Tracer};
-use crate::spare::Spares;
 
 /// How the bake samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -171,7 +171,7 @@ impl<'t, 'a> Baker<'t, 'a> {
     /// # Errors
     /// [`BakeError::Cancelled`] when `progress` says so.
     pub fn texels(&self, range: Range<usize>, progress: &dyn Progress) -> Result<BakedTexels, BakeError> {
-        let mut indirect = vec![0f32; range.len() * 3 * self.conditions()];
+        let mut indirect = zeros(range.len() * 3 * self.conditions());
         let (noise, rays) = self.bake_into(&mut indirect, range, progress)?;
         Ok(BakedTexels { indirect, noise, rays })
     }
@@ -272,7 +272,7 @@ impl<'t, 'a> Baker<'t, 'a> {
     ) -> Result<(NoiseSums, u64), BakeError> {
         let n = self.conditions();
         let row = 3 * n;
-        let size = if self.gather.is_some() { gather::TEXELS } else { CHUNK };
+        let size = self.gather.as_ref().map_or(CHUNK, Gather::texels_together);
         let (so_far, states) = (NoiseSoFar::default(), Spares::new(start));
         // Each chunk's share of the noise is kept apart and summed in order, so that rounding does not depend on the threads.
         let shares: Vec<(NoiseSums, u64)> = out
@@ -315,7 +315,7 @@ pub fn bake(
     let baker = Baker::new(tracer, lightmap, conditions, settings, progress)?;
     let texels = lightmap.texels.len();
     let row = 3 * conditions.len();
-    let mut indirect = vec![0f32; texels * row];
+    let mut indirect = zeros(texels * row);
     let (mut noise, mut rays) = (NoiseSums::new(conditions.len()), baker.rays());
     progress.begin("bake", texels as u64, "texels");
     progress.made_of(settings.paths as u64, "paths");
@@ -351,7 +351,7 @@ pub fn bake_direct(
     let emitters = if set.wants_emission() { Emitters::new(tracer.asset()) } else { None };
     let walk = Walk { tracer, emitters: emitters.as_ref(), max_bounces: 0 };
     let row = 3 * conditions.len();
-    let mut direct = vec![0f32; lightmap.texels.len() * row];
+    let mut direct = zeros(lightmap.texels.len() * row);
     progress.begin("direct", lightmap.texels.len() as u64, "texels");
     direct.par_chunks_mut(row.max(1)).enumerate().for_each_init(
         || LightSums::new(&set, tracer),

@@ -6,9 +6,9 @@ use rayon::prelude::*;
 use super::rows::{Rows, padded};
 use crate::light::LightSet;
 use crate::math::Sampler;
+use crate::memory::Spares;
 use crate::progress::Progress;
 use crate::scene::Lightmap;
-use crate::spare::Spares;
 use crate::transport::conditions::LightSums;
 use crate::transport::{BakeError, BakeSettings, Walk};
 

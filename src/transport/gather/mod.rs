@@ -60,8 +60,13 @@ pub struct Gatherer<'w, 'a> {
     sums: Vec<f32>,
 }
 
-/// Texels that are gathered together: their rays go on together, and read a block of columns after the other.
-pub const TEXELS: usize = 64;
+/// Texels that are gathered together, at least and at most: their rays go on together, and read a block of columns after the
+/// other.
+const TEXELS: [usize; 2] = [64, 256];
+
+/// The same for each block: where there are many, the rows of one are far when it is read again. On the Cornell box 1,024
+/// conditions take 6 % less time in 256 texels than in 64, and 128 conditions 8 % more, since threads wait for each other longer.
+const TEXELS_PER_BLOCK: usize = 16;
 
 impl<'t, 'a> Gather<'t, 'a> {
     /// Measures the direct light of `set` and bounces it between patches.
@@ -94,7 +99,7 @@ impl<'t, 'a> Gather<'t, 'a> {
         // light is bounced the direct light, three channels of what has bounced once, and a row of the iteration.
         let light = 3 * 2 * texels + (3 * 2 + 3 * 2 + 3 * 4 + 3 * 2) * Patches::most(texels);
         // The sums of some texels.
-        light + threads * TEXELS * 2 * 3 * size_of::<f32>()
+        light + threads * TEXELS[1] * 2 * 3 * size_of::<f32>()
     }
 
     /// Bytes held however many lights there are: sample tables, the patches' operator, where texels and patches lie.
@@ -103,6 +108,11 @@ impl<'t, 'a> Gather<'t, 'a> {
         let rays = (paths / bounce::PATHS_PER_RAY as usize).max(1);
         let terms = 2 * Patches::most(texels) * rays * size_of::<Term>();
         2 * SampleTable::bytes(paths) + terms + 32 * texels
+    }
+
+    /// How many texels to gather together.
+    pub fn texels_together(&self) -> usize {
+        (TEXELS_PER_BLOCK * self.direct.light.blocks().count()).clamp(TEXELS[0], TEXELS[1])
     }
 
     pub fn gatherer<'w>(&self, walk: &Walk<'w, 'a>, set: &'w LightSet) -> Gatherer<'w, 'a> {

@@ -7,6 +7,7 @@
 use std::ops::Range;
 
 use crate::math::{LANES, Rgb};
+use crate::memory::zeros;
 
 /// Lines of a row and plane that are summed at a time: three channels of them stay in registers.
 const LINES: usize = 2;
@@ -21,7 +22,7 @@ pub const BLOCK: usize = LINES * COLUMNS;
 const AHEAD: usize = 6;
 
 /// COLUMNS values of a row, a cache line: lane i holds column i in its lower half, and column LANES + i in its upper.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Default, bytemuck::Zeroable)]
 #[repr(align(64))]
 pub struct Line([u32; LANES]);
 
@@ -75,7 +76,7 @@ impl Rows {
     /// `count` dark rows. `columns` is a whole number of lines: see [`padded`].
     pub fn new(count: usize, planes: usize, columns: usize) -> Self {
         assert!(columns.is_multiple_of(COLUMNS) && (planes == 1 || planes == 3));
-        Self { lines: vec![Line::default(); count * planes * lines(columns)], count, columns, planes }
+        Self { lines: zeros(count * planes * lines(columns)), count, columns, planes }
     }
 
     pub fn columns(&self) -> usize {
