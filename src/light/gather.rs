@@ -4,8 +4,9 @@
 //! rays together, since all of them start at the same point.
 
 use super::LightTable;
+use super::table::Arrival;
 use crate::math::LANES;
-use crate::scene::{ShadowRays, Surface, Tracer, lanes, mask_of};
+use crate::scene::{ShadowRays, Surface, Tracer, above_zero, packed};
 
 /// Finds what every light of a table sends to a surface point, shadows included.
 pub struct LightGather<'t, 'a> {
@@ -17,15 +18,19 @@ pub struct LightGather<'t, 'a> {
     pub rays: u64,
 }
 
-/// Lights that passed the cheap tests and wait for their shadow rays.
+/// Lights that passed the cheap tests and wait for their shadow rays: fewer than LANES, and those that join them.
 #[repr(align(64))]
 struct Packet {
-    segment: [[f32; LANES]; 3],
-    direction: [[f32; LANES]; 3],
-    irradiance: [f32; LANES],
-    light: [u32; LANES],
+    segment: [Waiting; 3],
+    direction: [Waiting; 3],
+    irradiance: Waiting,
+    /// Indices into the table, as bits.
+    light: Waiting,
     len: usize,
 }
+
+/// A number each.
+type Waiting = [f32; 2 * LANES];
 
 /// LANES lights that reach the point, less those whose bit in `open` is not set.
 pub struct Arrived<'p> {
@@ -40,13 +45,8 @@ pub struct Arrived<'p> {
 
 impl<'t, 'a> LightGather<'t, 'a> {
     pub fn new(table: &'t LightTable, tracer: &'t Tracer<'a>) -> Self {
-        let packet = Packet {
-            segment: [[0.0; LANES]; 3],
-            direction: [[0.0; LANES]; 3],
-            irradiance: [0.0; LANES],
-            light: [0; LANES],
-            len: 0,
-        };
+        let none = [0.0; 2 * LANES];
+        let packet = Packet { segment: [none; 3], direction: [none; 3], irradiance: none, light: none, len: 0 };
         Self { table, tracer, shadows: tracer.shadow_rays(table.bounds()), packet, rays: 0 }
     }
 
@@ -59,36 +59,61 @@ impl<'t, 'a> LightGather<'t, 'a> {
         for block in 0..self.table.block_count() {
             let arrival = self.table.arrive(block, origin, surface.normal, self.tracer.extent);
             let g = surface.geometric_normal;
-            let mut reached = [false; LANES];
+            let mut reaching = arrival.irradiance;
             for i in 0..LANES {
                 let [x, y, z] = [arrival.direction[0][i], arrival.direction[1][i], arrival.direction[2][i]];
-                reached[i] = (arrival.irradiance[i] > 0.0) & (x * g.x + y * g.y + z * g.z > 0.0);
+                reaching[i] = reaching[i].min(x * g.x + y * g.y + z * g.z);
             }
-            for lane in lanes(mask_of(&reached)) {
-                let p = &mut self.packet;
-                for axis in 0..3 {
-                    p.segment[axis][p.len] = arrival.segment[axis][lane];
-                    p.direction[axis][p.len] = arrival.direction[axis][lane];
-                }
-                p.irradiance[p.len] = arrival.irradiance[lane];
-                p.light[p.len] = (block * LANES + lane) as u32;
-                p.len += 1;
-                if p.len == LANES {
-                    self.flush(&mut arrived);
-                }
+            let reaching = above_zero(&reaching);
+            if reaching == 0 {
+                continue;
+            }
+            self.packet.join(&arrival, block, reaching);
+            if self.packet.len >= LANES {
+                self.flush(LANES, &mut arrived);
             }
         }
         if self.packet.len > 0 {
-            self.flush(&mut arrived);
+            self.flush(self.packet.len, &mut arrived);
         }
     }
 
-    fn flush(&mut self, arrived: &mut impl FnMut(Arrived)) {
+    /// Casts the shadow rays of the first `count` that wait.
+    fn flush(&mut self, count: usize, arrived: &mut impl FnMut(Arrived)) {
         let p = &mut self.packet;
-        let active = ((1u64 << p.len) - 1) as u32;
-        let open = self.shadows.unoccluded(&p.segment, active);
-        arrived(Arrived { light: &p.light, direction: &p.direction, irradiance: &p.irradiance, open });
-        self.rays += p.len as u64;
-        p.len = 0;
+        let active = ((1u64 << count) - 1) as u32;
+        let open = self.shadows.unoccluded(&p.segment.each_ref().map(first), active);
+        let light = first(&p.light).map(f32::to_bits);
+        let direction = &p.direction.each_ref().map(first);
+        arrived(Arrived { light: &light, direction, irradiance: &first(&p.irradiance), open });
+        self.rays += count as u64;
+        p.len -= count;
+        p.columns().for_each(|waiting| waiting.copy_within(LANES.., 0));
     }
+}
+
+impl Packet {
+    fn join(&mut self, arrival: &Arrival, block: usize, reaching: u32) {
+        let numbers = std::array::from_fn(|i| f32::from_bits((block * LANES + i) as u32));
+        let len = self.len;
+        let join = |waiting: &mut Waiting, values: &[f32; LANES]| {
+            waiting[len..len + LANES].copy_from_slice(&packed(values, reaching));
+        };
+        for axis in 0..3 {
+            join(&mut self.segment[axis], &arrival.segment[axis]);
+            join(&mut self.direction[axis], &arrival.direction[axis]);
+        }
+        join(&mut self.irradiance, &arrival.irradiance);
+        join(&mut self.light, &numbers);
+        self.len += reaching.count_ones() as usize;
+    }
+
+    fn columns(&mut self) -> impl Iterator<Item = &mut Waiting> {
+        let vectors = self.segment.iter_mut().chain(&mut self.direction);
+        vectors.chain([&mut self.irradiance, &mut self.light])
+    }
+}
+
+fn first(waiting: &Waiting) -> [f32; LANES] {
+    *waiting.first_chunk().expect("twice as long")
 }

@@ -68,6 +68,6 @@ pub use spot::Spot;
 pub use surface::{Bsdf, Hit, Surface, TexelPoint};
 #[cfg(feature = "train")]
 pub use texels::{Fragment, Lightmap, Texel, TexelSampler};
-pub use tracer::{Search, ShadowRays, Tracer, lanes, mask_of};
+pub use tracer::{Search, ShadowRays, Tracer, above_zero, lanes, mask_of, packed};
 #[cfg(feature = "train")]
 pub use uv_check::charts;

@@ -83,20 +83,23 @@ pub struct TriangleBlock {
     /// `[corner][triangle]`: a vertex.
     corners: [[u8; WIDTH]; 3],
     /// Bit i is set where there is a triangle i.
-    present: u32,
+    present: u16,
+    /// Bit i is set where the material of triangle i cuts out where alpha is low.
+    masked: u16,
 }
 
 impl TriangleBlock {
-    /// A block of these triangles, if they are at most WIDTH and have at most WIDTH vertices.
-    pub fn new(triangles: impl IntoIterator<Item = [Vec3; 3]>) -> Option<Self> {
-        let mut block = Self { vertices: [[0.0; WIDTH]; 3], corners: [[0; WIDTH]; 3], present: 0 };
+    /// A block of these triangles, if they are at most WIDTH and have at most WIDTH vertices, and whether they are masked.
+    pub fn new(triangles: impl IntoIterator<Item = ([Vec3; 3], bool)>) -> Option<Self> {
+        let mut block = Self { vertices: [[0.0; WIDTH]; 3], corners: [[0; WIDTH]; 3], present: 0, masked: 0 };
         let mut vertices = [Vec3::ZERO; WIDTH];
         let mut vertex_count = 0;
-        for (lane, triangle) in triangles.into_iter().enumerate() {
+        for (lane, (triangle, masked)) in triangles.into_iter().enumerate() {
             if lane == WIDTH {
                 return None;
             }
             block.present |= 1 << lane;
+            block.masked |= u16::from(masked) << lane;
             for (corner, position) in triangle.into_iter().enumerate() {
                 // Bits, not values: the sign of a zero is kept.
                 let same = |v: &Vec3| v.to_array().map(f32::to_bits) == position.to_array().map(f32::to_bits);
@@ -116,15 +119,9 @@ impl TriangleBlock {
         Some(block)
     }
 
-    /// Hands the hits with 0 < t ≤ `t_max` to `visit` until it returns true; whether it did. `indices` are the triangles'.
+    /// The triangles that the ray hits with 0 < t ≤ `t_max`, where, and their areas.
     #[inline(always)]
-    pub fn hits(
-        &self,
-        indices: &[u32; WIDTH],
-        ray: &ShearedRay,
-        t_max: f32,
-        mut visit: impl FnMut(Hit) -> bool,
-    ) -> bool {
+    fn crossed(&self, ray: &ShearedRay, t_max: f32) -> Option<(u32, F32x8, Areas)> {
         let [i, j, k] = ray.axes;
         let depths = F32x8::load(&self.vertices[k]) - ray.origin[2];
         let x = depths.neg_mul_add(ray.shear[0], F32x8::load(&self.vertices[i]) - ray.origin[0]);
@@ -135,16 +132,41 @@ impl TriangleBlock {
             Corner { x: x.pick(b), y: y.pick(b) },
             Corner { x: x.pick(c), y: y.pick(c) },
         );
-        let mut inside = F32x8::splat(0.0).at_most(areas.agreement()) & self.present;
+        let inside = F32x8::splat(0.0).at_most(areas.agreement()) & u32::from(self.present);
         if inside == 0 {
-            return false;
+            return None;
         }
         let t = areas.distance(ray, [depths.pick(a), depths.pick(b), depths.pick(c)]);
-        inside &= F32x8::splat(0.0).below(t) & t.at_most(F32x8::splat(t_max));
-        if inside == 0 {
-            return false;
+        let inside = inside & F32x8::splat(0.0).below(t) & t.at_most(F32x8::splat(t_max));
+        (inside != 0).then_some((inside, t, areas))
+    }
+
+    /// Brings `nearest` up to date. `indices` are the triangles'; masked ones must be `solid` where they are hit.
+    #[inline(always)]
+    pub fn closest(
+        &self,
+        indices: &[u32; WIDTH],
+        ray: &ShearedRay,
+        nearest: &mut Nearest,
+        solid: impl Fn(&Hit) -> bool,
+    ) {
+        let Some((inside, t, areas)) = self.crossed(ray, nearest.hit.t) else { return };
+        let (t, u, v) = (t.to_array(), (areas.b / areas.sum).to_array(), (areas.c / areas.sum).to_array());
+        for i in lanes(inside) {
+            let opaque = self.masked >> i & 1 == 0;
+            nearest.update(Hit { t: t[i], triangle: indices[i], u: u[i], v: v[i] }, |hit| opaque || solid(hit));
+        }
+    }
+
+    /// Whether the ray hits anything with 0 < t < `t_max`; masked triangles must be `solid` where they are hit.
+    #[inline(always)]
+    pub fn occludes(&self, indices: &[u32; WIDTH], ray: &ShearedRay, t_max: f32, solid: impl Fn(&Hit) -> bool) -> bool {
+        let Some((inside, t, areas)) = self.crossed(ray, t_max) else { return false };
+        let inside = inside & t.below(F32x8::splat(t_max));
+        if inside & !u32::from(self.masked) != 0 || inside == 0 {
+            return inside != 0;
         }
         let (t, u, v) = (t.to_array(), (areas.b / areas.sum).to_array(), (areas.c / areas.sum).to_array());
-        lanes(inside).any(|i| visit(Hit { t: t[i], triangle: indices[i], u: u[i], v: v[i] }))
+        lanes(inside).any(|i| solid(&Hit { t: t[i], triangle: indices[i], u: u[i], v: v[i] }))
     }
 }

@@ -19,12 +19,13 @@ const NODE_COST: f32 = 1.0;
 const BLOCK_COST: f32 = 1.0;
 
 impl WideBvh {
-    pub fn new(triangles: &[[Vec3; 3]]) -> Self {
+    /// `masked`: per triangle, whether its material cuts out.
+    pub fn new(triangles: &[[Vec3; 3]], masked: &[bool]) -> Self {
         let corners: Vec<Triangle> =
             triangles.iter().map(|&[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() }).collect();
         let params = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::medium_build() };
         let binary = build_bvh2_from_tris(&corners, params, &mut Default::default());
-        Collapse::new(&binary, triangles).run()
+        Collapse::new(&binary, triangles, masked).run()
     }
 }
 
@@ -32,6 +33,7 @@ impl WideBvh {
 struct Collapse<'b> {
     binary: &'b Bvh2,
     triangles: &'b [[Vec3; 3]],
+    masked: &'b [bool],
     /// Per binary node, triangles below it, and their area.
     count: Vec<u32>,
     surface: Vec<f32>,
@@ -44,11 +46,12 @@ struct Collapse<'b> {
 }
 
 impl<'b> Collapse<'b> {
-    fn new(binary: &'b Bvh2, triangles: &'b [[Vec3; 3]]) -> Self {
+    fn new(binary: &'b Bvh2, triangles: &'b [[Vec3; 3]], masked: &'b [bool]) -> Self {
         let nodes = &binary.nodes;
         let mut this = Self {
             binary,
             triangles,
+            masked,
             count: vec![0; nodes.len()],
             surface: vec![0.0; nodes.len()],
             block: vec![false; nodes.len()],
@@ -183,7 +186,8 @@ impl<'b> Collapse<'b> {
                 found += 1;
             }
         }
-        let block = TriangleBlock::new(indices[..found].iter().map(|&t| self.triangles[t as usize]))?;
+        let of = |&t: &u32| (self.triangles[t as usize], self.masked[t as usize]);
+        let block = TriangleBlock::new(indices[..found].iter().map(of))?;
         Some((block, indices))
     }
 }

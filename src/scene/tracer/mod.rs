@@ -22,7 +22,7 @@ use glam::Vec3;
 
 use self::block::Nearest;
 use self::brute::Brute;
-pub use self::lanes::{lanes, mask_of};
+pub use self::lanes::{above_zero, lanes, mask_of, packed};
 pub use self::packet::Hits;
 pub use self::shadow::ShadowRays;
 use self::wide::WideBvh;
@@ -82,7 +82,7 @@ impl<'a> Tracer<'a> {
         let extent = mesh.bounds().diagonal();
         let structure = match search {
             Search::Brute => Structure::Brute(Brute::new(&triangles, &masked)),
-            Search::Tree => Structure::Tree(WideBvh::new(&triangles)),
+            Search::Tree => Structure::Tree(WideBvh::new(&triangles, &masked)),
         };
         Self { asset, masked, structure, offset: extent * RELATIVE_OFFSET, extent }
     }

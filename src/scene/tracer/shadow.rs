@@ -108,8 +108,7 @@ impl WideBvh {
             for ray in lanes(rays_here) {
                 let segment = Vec3::new(segments[0][ray], segments[1][ray], segments[2][ray]);
                 let sheared = ShearedRay::new(origin, segment);
-                let solid_hit = |hit: Hit| hit.t < SEGMENT_END && solid(&hit);
-                if self.blocks[block].hits(&self.triangles[block], &sheared, SEGMENT_END, solid_hit) {
+                if self.blocks[block].occludes(&self.triangles[block], &sheared, SEGMENT_END, &solid) {
                     open &= !(1 << ray);
                 }
             }

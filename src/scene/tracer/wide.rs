@@ -114,11 +114,7 @@ impl WideBvh {
         let mut child = Child::default();
         loop {
             if let Some(block) = child.block() {
-                let found = nearest.hit.t;
-                self.blocks[block].hits(&self.triangles[block], &sheared, found, |hit| {
-                    nearest.update(hit, solid);
-                    false
-                });
+                self.blocks[block].closest(&self.triangles[block], &sheared, nearest, solid);
             } else {
                 let node = &self.nodes[child.0 as usize];
                 let (mut entered, near) = node.enter(&slabs, nearest.hit.t);
@@ -201,8 +197,7 @@ impl WideBvh {
             depth -= 1;
             let child = stack[depth];
             if let Some(block) = child.block() {
-                if self.blocks[block].hits(&self.triangles[block], &sheared, t_max, |hit| hit.t < t_max && solid(&hit))
-                {
+                if self.blocks[block].occludes(&self.triangles[block], &sheared, t_max, solid) {
                     return true;
                 }
             } else {
