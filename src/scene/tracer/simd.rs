@@ -345,13 +345,15 @@ mod lanes {
     }
 }
 
-/// Asks for `what` ahead of its use: trees do not fit the caches, and their nodes lie where nothing foresees them.
+/// Asks for `BYTES` at an address ahead of their use: trees do not fit the caches, and their nodes lie where nothing foresees them.
 #[inline(always)]
-pub fn prefetch<T>(what: &T) {
+pub fn prefetch<const BYTES: usize>(address: *const u8) {
     #[cfg(all(target_arch = "x86_64", target_feature = "sse"))]
-    for line in 0..size_of::<T>().div_ceil(64) {
+    for line in 0..BYTES.div_ceil(64) {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // SAFETY: a prefetch reads nothing; the address lies in `what`.
-        unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(what).cast::<i8>().add(64 * line)) };
+        // SAFETY: a prefetch reads nothing, wherever it points.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line).cast()) };
     }
+    #[cfg(not(all(target_arch = "x86_64", target_feature = "sse")))]
+    let _ = address;
 }
