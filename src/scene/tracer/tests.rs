@@ -1,11 +1,11 @@
 //! The tree against the whole-mesh test, and both against what is known.
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 
 use super::pieces::Pieces;
 use super::{SEGMENT_END, Search, Segments, Tracer};
 use crate::math::{LANES, Sampler, warp};
-use crate::scene::{Asset, Hit, Material, Mesh};
+use crate::scene::{Asset, Hit, Material, Mesh, Texture, TextureRef, Wrap};
 
 fn asset(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Asset {
     let mesh = Mesh {
@@ -182,6 +182,85 @@ fn tiles_lie_in_one_plane() {
     assert_eq!(Pieces::new(&tiles, |_| true).planes(), 1);
     let bent: Vec<_> = tiles.iter().map(|t| t.map(|corner| corner + 1e-4 * corner.x * corner.x)).collect();
     assert!(Pieces::new(&bent, |_| true).planes() > 20, "a control");
+}
+
+/// Materials that cut out where alpha is low beside opaque ones: closest hits, segments and packets see what f64 tells of each
+/// triangle by itself.
+#[test]
+fn what_is_cut_out_is_neither_hit_nor_hides() {
+    let mut random = Random::new(11);
+    let triangles: Vec<[Vec3; 3]> = (0..150)
+        .map(|_| {
+            let at = random.point();
+            [at, at + random.point() * 0.5, at + random.point() * 0.5]
+        })
+        .collect();
+    let indices = (0..triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    let mut asset = asset(triangles.concat(), indices);
+    // A ramp from clear to opaque: what lies left of the middle is cut out.
+    let ramp = Texture {
+        name: "ramp".into(),
+        width: 2,
+        height: 1,
+        texels: vec![[255, 255, 255, 0], [255; 4]],
+        srgb: false,
+        wrap: [Wrap::Clamp; 2],
+    };
+    asset.textures.push(ramp);
+    let texture = Some(TextureRef { texture: 0, uv_set: 0, transform: Mat3::IDENTITY });
+    let leaf = Material { alpha_cutoff: Some(0.5), base_colour_texture: texture, ..asset.materials[0].clone() };
+    asset.materials.push(leaf);
+    asset.mesh.triangle_materials.iter_mut().step_by(2).for_each(|material| *material = 1);
+    asset.mesh.uvs[0] = (0..asset.mesh.positions.len()).map(|_| Vec2::new(random.four()[0], 0.5)).collect();
+    // Where the ray meets triangle t, and whether there is something; None where it is too close to tell.
+    let met = |t: usize, origin: Vec3, segment: Vec3| -> Option<(f64, bool)> {
+        let [a, b, c] = triangles[t].map(Vec3::as_dvec3);
+        let (origin, segment) = (origin.as_dvec3(), segment.as_dvec3());
+        let normal = (b - a).cross(c - a);
+        let distance = normal.dot(a - origin) / normal.dot(segment);
+        let at = origin + segment * distance;
+        let v = (b - a).cross(at - a).dot(normal) / normal.length_squared();
+        let u = (at - a).cross(c - a).dot(normal) / normal.length_squared();
+        let corners = [0, 1, 2].map(|i| f64::from(asset.mesh.uvs[0][3 * t + i].x));
+        let right = corners[0] * (1.0 - u - v) + corners[1] * u + corners[2] * v - 0.5;
+        let inside = u.min(v).min(1.0 - u - v);
+        let near_a_bound = [inside, right, distance, distance - 1.0].iter().any(|value| value.abs() < 1e-4);
+        let solid = asset.mesh.triangle_materials[t] == 0 || right > 0.0;
+        (!near_a_bound).then_some((distance, inside > 0.0 && solid))
+    };
+    for search in [Search::Brute, Search::Tree] {
+        let tracer = Tracer::with_search(&asset, search);
+        let mut shadows = tracer.shadow_rays(None);
+        let (mut told, mut hidden, mut through) = (0, 0, 0);
+        for _ in 0..1_000 {
+            let origin = random.point() * 1.5;
+            shadows.start_from(origin);
+            let ends: [Vec3; LANES] = std::array::from_fn(|_| random.point() * 1.5);
+            let segments: Segments = [0, 1, 2].map(|axis| ends.map(|end| (end - origin)[axis]));
+            let open = shadows.unoccluded(&segments, 0xffff);
+            for (lane, end) in ends.into_iter().enumerate() {
+                let segment = end - origin;
+                let all: Option<Vec<(f64, bool)>> = (0..triangles.len()).map(|t| met(t, origin, segment)).collect();
+                let Some(all) = all else { continue };
+                let ahead = all.iter().filter(|(t, there)| *there && *t > 0.0).map(|(t, _)| *t);
+                let nearest = ahead.fold(f64::INFINITY, f64::min);
+                let hit = tracer.closest_hit(origin, segment, f32::INFINITY);
+                assert_eq!(hit.is_some(), nearest.is_finite(), "{search:?}: {origin} {segment}");
+                if let Some(hit) = hit {
+                    assert!((f64::from(hit.t) - nearest).abs() < 1e-3, "{search:?}: {origin} {segment}");
+                }
+                assert_eq!(tracer.occluded(origin, segment), nearest < 1.0, "{search:?}: {origin} {segment}");
+                assert_eq!(open >> lane & 1 == 0, nearest < 1.0, "{search:?}: {origin} {segment}, in a packet");
+                told += 1;
+                hidden += usize::from(nearest < 1.0);
+                let opaque = |t: usize| tracer.asset().mesh.triangle_materials[t] == 0;
+                through += usize::from(hit.is_some_and(|hit| !opaque(hit.triangle as usize)));
+            }
+        }
+        // Control: most rays are told, of both sorts, and many end on what is left of a masked triangle.
+        assert!(told > 8_000 && hidden > told / 10 && hidden < told * 9 / 10, "{hidden} of {told} are hidden");
+        assert!(through > told / 20, "{through} of {told} end on masked triangles");
+    }
 }
 
 /// From one origin, packets see the same through the tree as through the whole mesh, whole packets and parts.
