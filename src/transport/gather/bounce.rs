@@ -103,6 +103,11 @@ impl Bounced {
     }
 }
 
+/// Of `count` rays of a patch, how many carry light that has bounced before: whole lanes.
+pub fn later_rays(count: usize) -> usize {
+    (count / RAYS_PER_LATER_RAY).next_multiple_of(LANES).min(count)
+}
+
 /// Sends all rays of some patches, from points uniform by area.
 fn receive<'a>(
     walk: &Walk<'_, 'a>,
@@ -119,7 +124,7 @@ fn receive<'a>(
         samples.of(settings.seed ^ mix64(PATCH_STREAM), lightmap.texels[first as usize].index as u64)
     };
     let count = samples.count();
-    let later = (count / RAYS_PER_LATER_RAY).next_multiple_of(LANES).min(count);
+    let later = later_rays(count);
     let mut receivers = Receivers::default();
     // Two accounts a patch: the rays that carry all light, and those that do not carry it later.
     rays.open(2 * some.len());

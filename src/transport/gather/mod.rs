@@ -68,6 +68,9 @@ const TEXELS: [usize; 2] = [64, 256];
 /// conditions take 6 % less time in 256 texels than in 64, and 128 conditions 8 % more, since threads wait for each other longer.
 const TEXELS_PER_BLOCK: usize = 16;
 
+/// Rays that more than the least texels may send: what they find is read block after block.
+const RAYS_TOGETHER: usize = 1 << 15;
+
 impl<'t, 'a> Gather<'t, 'a> {
     /// Measures the direct light of `set` and bounces it between patches.
     ///
@@ -104,15 +107,17 @@ impl<'t, 'a> Gather<'t, 'a> {
 
     /// Bytes held however many lights there are: sample tables, the patches' operator, where texels and patches lie.
     pub fn bytes_fixed(texels: usize, paths: usize) -> usize {
-        // A ray of a patch ends in a patch, and may have read a texel before.
+        // A ray of a patch ends in a patch, and may have read a texel before; some are noted twice.
         let rays = (paths / bounce::PATHS_PER_RAY as usize).max(1);
-        let terms = 2 * Patches::most(texels) * rays * size_of::<Term>();
+        let terms = (2 * rays + bounce::later_rays(rays)) * Patches::most(texels) * size_of::<Term>();
         2 * SampleTable::bytes(paths) + terms + 32 * texels
     }
 
     /// How many texels to gather together.
     pub fn texels_together(&self) -> usize {
-        (TEXELS_PER_BLOCK * self.direct.light.blocks().count()).clamp(TEXELS[0], TEXELS[1])
+        let [least, most] = TEXELS;
+        let most = (RAYS_TOGETHER / self.samples.count().max(1)).clamp(least, most);
+        (TEXELS_PER_BLOCK * self.direct.light.blocks().count()).clamp(least, most)
     }
 
     pub fn gatherer<'w>(&self, walk: &Walk<'w, 'a>, set: &'w LightSet) -> Gatherer<'w, 'a> {
