@@ -59,12 +59,12 @@ impl<'t, 'a> LightGather<'t, 'a> {
         for block in 0..self.table.block_count() {
             let arrival = self.table.arrive(block, origin, surface.normal, self.tracer.extent);
             let g = surface.geometric_normal;
-            let mut reaching = arrival.irradiance;
+            let mut above = [0.0; LANES];
             for i in 0..LANES {
                 let [x, y, z] = [arrival.direction[0][i], arrival.direction[1][i], arrival.direction[2][i]];
-                reaching[i] = reaching[i].min(x * g.x + y * g.y + z * g.z);
+                above[i] = x * g.x + y * g.y + z * g.z;
             }
-            let reaching = above_zero(&reaching);
+            let reaching = above_zero(&arrival.irradiance) & above_zero(&above);
             if reaching == 0 {
                 continue;
             }

@@ -345,7 +345,8 @@ mod lanes {
     }
 }
 
-/// Asks for `BYTES` at an address ahead of their use: trees do not fit the caches, and their nodes lie where nothing foresees them.
+/// Asks for `BYTES` at an address ahead of their use: trees do not fit the caches, and their nodes lie where nothing foresees
+/// them.
 #[inline(always)]
 pub fn prefetch<const BYTES: usize>(address: *const u8) {
     #[cfg(all(target_arch = "x86_64", target_feature = "sse"))]
