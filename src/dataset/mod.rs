@@ -7,7 +7,7 @@ pub mod contrast;
 pub mod error;
 pub mod folder;
 pub mod manifest;
-pub mod memory;
+pub mod bytes;
 pub mod rendered;
 mod roots;
 mod select;
@@ -17,11 +17,11 @@ pub mod unbaked;
 use std::ops::Range;
 
 pub use build::Draw;
+pub use bytes::Bytes;
 pub use contrast::{Contrast, DirectVector};
 pub use error::DatasetError;
 pub use folder::Job;
 pub use manifest::{Identity, identity};
-pub use memory::Bytes;
 pub use rendered::{Export, Reading, Rendered};
 pub use unbaked::{Measured, OF_SCENARIO, Unbaked};
 

@@ -99,8 +99,8 @@ impl<'t, 'a> Gather<'t, 'a> {
     /// Bytes held for each light while a lightmap of `texels` texels is gathered on `threads` threads.
     pub fn bytes_per_light(texels: usize, threads: usize) -> usize {
         // A bfloat16 a texel, three where the light is coloured; per patch three of all its light, and while the block of the
-        // light is bounced the direct light, three channels of what has bounced once, and a row of the iteration.
-        let light = 3 * 2 * texels + (3 * 2 + 3 * 2 + 3 * 4 + 3 * 2) * Patches::most(texels);
+        // light is bounced the direct light, three channels of what has bounced once, and two rows of the iteration.
+        let light = 3 * 2 * texels + (3 * 2 + 3 * 2 + 3 * 4 + 2 * 3 * 2) * Patches::most(texels);
         // The sums of some texels.
         light + threads * TEXELS[1] * 2 * 3 * size_of::<f32>()
     }
