@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::direct::Direct;
 use super::patches::Patches;
-use super::rays::{Found, Rays};
+use super::rays::{ByNearHits, Found, NEAR_HITS_TOLD, Rays};
 use super::receivers::Receivers;
 use super::rows::{BLOCK, Block, Line, Rows, Term, lines, narrow};
 use super::samples::SampleTable;
@@ -20,19 +20,20 @@ use crate::transport::{BakeError, BakeSettings, Walk};
 
 /// The light of patches after any number of bounces.
 pub struct Bounced {
-    /// A row per patch, columns as in [`Direct`]: irradiance, direct and indirect together.
-    pub light: Rows,
+    /// A row per patch, columns as in [`Direct`]: irradiance, direct and indirect together. `light[k]` has bounced k times fewer:
+    /// for rays that have met k near hits. One serves all where light has faded before its bounces end.
+    pub light: Vec<Rows>,
     pub rays: u64,
 }
 
 /// What a patch receives.
 struct Received {
     /// Of other patches: a row of the operator.
-    patches: Vec<Term>,
+    patches: ByNearHits,
     /// The same as some of the rays tell it, for light that has bounced before.
-    patches_later: Vec<Term>,
+    patches_later: ByNearHits,
     /// Of texels' direct light.
-    texels: Vec<Term>,
+    texels: ByNearHits,
     /// What was path traced, `[channel][column]`.
     traced: Option<Vec<f32>>,
 }
@@ -49,6 +50,9 @@ const RAYS_PER_LATER_RAY: usize = 4;
 
 /// Light that has faded to this share of the first bounce's is not bounced on.
 const FADED: f32 = 1e-3;
+
+/// After more bounces than these, light of one more is not worth telling from it.
+const MANY_BOUNCES: u32 = 16;
 
 /// Patches whose rays a thread sends together.
 const PATCHES_AT_A_TIME: usize = 16;
@@ -68,7 +72,8 @@ impl Bounced {
         // A path that has used its bounces up to here still takes the one to the texel.
         let walk = Walk { max_bounces: settings.max_bounces.saturating_sub(1), ..*walk };
         let starts: Vec<usize> = (0..patches.len()).step_by(PATCHES_AT_A_TIME).collect();
-        let rays = Spares::new(|| Rays::new(&walk, set, direct.light.columns()));
+        let told = near_hits_told(settings.max_bounces);
+        let rays = Spares::new(|| Rays::new(&walk, set, direct.light.columns(), told));
         let received: Vec<(Vec<Received>, u64)> = starts
             .par_iter()
             .map(|&start| {
@@ -88,19 +93,33 @@ impl Bounced {
             return Err(BakeError::Cancelled);
         }
         let rays = received.iter().map(|(_, rays)| rays).sum();
-        let received: Vec<Received> = received.into_iter().flat_map(|(received, _)| received).collect();
-        // b itself has bounced once, and the last bounce is the final gather's.
-        let bounces = bounces_until_faded(&received, settings.max_bounces.saturating_sub(2));
-        let mut light = Rows::new(patches.len(), 3, direct.light.columns());
-        let mut solver = Solver::new(&received, patches, bounces);
-        for (columns, out) in direct.light.blocks().zip(light.blocks_mut()) {
+        let mut received: Vec<Received> = received.into_iter().flat_map(|(received, _)| received).collect();
+        // The last bounce is the final gather's.
+        let most = settings.max_bounces.saturating_sub(1).max(1);
+        let bounces = bounces_until_faded(&received, most);
+        let told = if bounces < most { 1 } else { told };
+        if told == 1 {
+            received.par_iter_mut().for_each(Received::forget_near_hits);
+        }
+        let mut light: Vec<Rows> =
+            (0..told).map(|_| Rows::new(patches.len(), 3, direct.light.columns())).collect();
+        let mut solver = Solver::new(&received, patches, bounces, told);
+        let mut outs: Vec<_> = light.iter_mut().map(|rows| rows.blocks_mut().into_iter()).collect();
+        for columns in direct.light.blocks() {
             if progress.cancelled() {
                 return Err(BakeError::Cancelled);
             }
-            solver.solve(direct.light.block(&columns), columns.start, out);
+            solver.solve(direct.light.block(&columns), columns.start);
+            outs.iter_mut().enumerate().for_each(|(k, out)| out.next().into_iter().for_each(|out| solver.write(k, out)));
         }
+        drop(outs);
         Ok(Self { light, rays })
     }
+}
+
+/// How many near hits of a ray are told apart, at most.
+pub fn near_hits_told(max_bounces: u32) -> usize {
+    if max_bounces > MANY_BOUNCES { 1 } else { NEAR_HITS_TOLD }
 }
 
 /// Of `count` rays of a patch, how many carry light that has bounced before: whole lanes.
@@ -141,9 +160,11 @@ fn receive<'a>(
     rays.finish(walk, patches, |account| samples_of(some.start + account / 2));
     let of_patch = |patch: usize| {
         let accounts = [2 * patch, 2 * patch + 1];
-        let terms = |accounts: &[usize], of: fn(&Found) -> &[Term], rays_sent: usize| {
-            let terms = accounts.iter().flat_map(|&account| of(&rays.found[account]));
-            merged(terms.map(|t| Term { weight: t.weight / rays_sent as f32, ..*t }).collect())
+        let terms = |accounts: &[usize], of: fn(&Found) -> &ByNearHits, rays_sent: usize| -> ByNearHits {
+            std::array::from_fn(|k| {
+                let terms = accounts.iter().flat_map(|&account| &of(&rays.found[account])[k]);
+                merged(terms.map(|t| Term { weight: t.weight / rays_sent as f32, ..*t }).collect())
+            })
         };
         let traced = accounts.iter().filter_map(|&account| rays.traced_for(account));
         Received {
@@ -154,6 +175,17 @@ fn receive<'a>(
         }
     };
     (0..some.len()).map(of_patch).collect()
+}
+
+impl Received {
+    /// Lets all terms be of rays that met no near hit before.
+    fn forget_near_hits(&mut self) {
+        for terms in [&mut self.patches, &mut self.patches_later, &mut self.texels] {
+            if terms[1..].iter().any(|of_more| !of_more.is_empty()) {
+                terms[0] = merged(terms.iter_mut().flat_map(std::mem::take).collect());
+            }
+        }
+    }
 }
 
 /// The sum of two rows of light.
@@ -175,13 +207,13 @@ fn merged(mut terms: Vec<Term>) -> Vec<Term> {
     terms
 }
 
-/// Bounces after which light has faded, counted from the first: a property of the asset alone, so that every batch of lights
-/// takes as many.
+/// Bounces after which light has faded, a property of the asset alone, so that every batch of lights takes as many; `most` where
+/// it has not by then.
 fn bounces_until_faded(operator: &[Received], most: u32) -> u32 {
     let mut light = vec![Rgb::ONE; operator.len()];
-    for bounce in 0..most {
-        let gather = |row: &Received| row.patches_later.iter().map(|t| t.weight * light[t.row as usize]).sum::<Rgb>();
-        let next: Vec<Rgb> = operator.par_iter().map(gather).collect();
+    for bounce in 1..most {
+        let terms = |row: &Received| row.patches_later.iter().flatten().map(|t| t.weight * light[t.row as usize]).sum::<Rgb>();
+        let next: Vec<Rgb> = operator.par_iter().map(terms).collect();
         light = next;
         if light.iter().all(|l| l.max_element() < FADED) {
             return bounce;
@@ -194,63 +226,75 @@ fn bounces_until_faded(operator: &[Received], most: u32) -> u32 {
 struct Solver<'s, 't, 'a> {
     received: &'s [Received],
     patches: &'s Patches<'t, 'a>,
-    /// Iterations.
     bounces: u32,
     /// The patches' own direct light, `[patch][plane][line]`.
     own: Vec<Line>,
+    own_planes: usize,
+    width: usize,
     /// b, `[patch][channel][column]`.
     once: Vec<f32>,
-    /// E before and after an iteration, `[patch][channel][line]`.
-    light: [Vec<Line>; 2],
+    /// E of the last bounces, `[bounces ago][patch][channel][line]`: of one more than near hits are told.
+    light: Vec<Vec<Line>>,
 }
 
 impl<'s, 't, 'a> Solver<'s, 't, 'a> {
-    fn new(received: &'s [Received], patches: &'s Patches<'t, 'a>, bounces: u32) -> Self {
-        Self { received, patches, bounces, own: vec![], once: vec![], light: Default::default() }
+    fn new(received: &'s [Received], patches: &'s Patches<'t, 'a>, bounces: u32, near_hits_told: usize) -> Self {
+        let light = vec![vec![]; near_hits_told + 1];
+        Self { received, patches, bounces, own: vec![], own_planes: 1, width: 0, once: vec![], light }
     }
 
-    /// Solves the block of columns that begins with `first`, all of whose arrays stay in the cache together, and writes the
-    /// patches' light, direct and indirect together, to `out`, `[patch][channel][column]`.
-    fn solve(&mut self, direct: Block, first: usize, out: &mut [Line]) {
+    /// Solves the block of columns that begins with `first`, all of whose arrays stay in the cache together.
+    fn solve(&mut self, direct: Block, first: usize) {
         let (received, width) = (self.received, direct.width);
         let (row, size) = (3 * width, 3 * lines(width));
         self.own.resize(received.len() * direct.planes * lines(width), Line::default());
         self.once.resize(received.len() * row, 0.0);
-        self.light.iter_mut().for_each(|light| light.resize(out.len(), Line::default()));
+        self.light.iter_mut().for_each(|light| light.resize(received.len() * size, Line::default()));
+        (self.own_planes, self.width) = (direct.planes, width);
         patch_means(self.patches, direct, &mut self.own);
         let own = Block::new(&self.own, direct.planes, width);
 
-        let [before, after] = &mut self.light;
-        let once = self.once.par_chunks_mut(row).zip(before.par_chunks_mut(size)).zip(received).enumerate();
-        once.with_min_len(LEAST_PATCHES).for_each(|(patch, ((once, light), received))| {
-            once.fill(0.0);
-            own.add(&received.patches, once);
-            direct.add(&received.texels, once);
-            if let Some(traced) = &received.traced {
-                for (sums, traced) in once.chunks_exact_mut(width).zip(traced.chunks_exact(traced.len() / 3)) {
-                    sums.iter_mut().zip(&traced[first..]).for_each(|(sum, traced)| *sum += traced);
+        let told = self.light.len() - 1;
+        for bounce in 0..self.bounces as usize {
+            // A ray that has met k near hits reads what had bounced k times fewer. b, too, is whole after as many bounces.
+            let [after, before @ ..] = &mut self.light[..] else { unreachable!("two at least") };
+            let before: Vec<Block> = before.iter().take(bounce).map(|light| Block::new(light, 3, width)).collect();
+            let once = self.once.par_chunks_mut(row).zip(after.par_chunks_mut(size)).zip(received).enumerate();
+            once.with_min_len(LEAST_PATCHES).for_each(|(patch, ((once, after), received))| {
+                if bounce == 0 {
+                    once.fill(0.0);
+                    if let Some(traced) = &received.traced {
+                        for (sums, traced) in once.chunks_exact_mut(width).zip(traced.chunks_exact(traced.len() / 3)) {
+                            sums.iter_mut().zip(&traced[first..]).for_each(|(sum, traced)| *sum += traced);
+                        }
+                    }
                 }
-            }
-            narrow(once, patch, light);
-        });
-        let once = &self.once;
-        for _ in 0..self.bounces {
-            let light = Block::new(before, 3, width);
-            after.par_chunks_mut(size).enumerate().with_min_len(LEAST_PATCHES).for_each(|(patch, after)| {
+                if bounce < told {
+                    own.add(&received.patches[bounce], once);
+                    direct.add(&received.texels[bounce], once);
+                }
                 let mut sums = [0f32; 3 * BLOCK];
                 let sums = &mut sums[..row];
-                sums.copy_from_slice(&once[patch * row..][..row]);
-                light.add(&received[patch].patches_later, sums);
+                sums.copy_from_slice(once);
+                before.iter().zip(&received.patches_later).for_each(|(light, terms)| light.add(terms, sums));
                 narrow(sums, patch, after);
             });
-            std::mem::swap(before, after);
+            self.light.rotate_right(1);
         }
-        let indirect = Block::new(before, 3, width);
-        out.par_chunks_mut(size).enumerate().with_min_len(LEAST_PATCHES).for_each(|(patch, out)| {
+    }
+
+    /// Writes the patches' light, direct and indirect together, as it was `ago` bounces before the last: `[patch][channel][line]`.
+    fn write(&self, ago: usize, out: &mut [Line]) {
+        let own = Block::new(&self.own, self.own_planes, self.width);
+        // The last is where the next bounce would go.
+        let bounced = ago < self.bounces as usize;
+        let indirect = Block::new(&self.light[ago + 1], 3, self.width);
+        out.par_chunks_mut(3 * lines(self.width)).enumerate().with_min_len(LEAST_PATCHES).for_each(|(patch, out)| {
             let own = own.row(patch);
             for (i, (out, indirect)) in out.iter_mut().zip(indirect.row(patch)).enumerate() {
                 let (own, indirect) = (own[i % own.len()].widened(), indirect.widened());
-                *out = Line::narrowed(&std::array::from_fn(|k| own[k] + indirect[k]), patch);
+                let light = |k: usize| if bounced { own[k] + indirect[k] } else { own[k] };
+                *out = Line::narrowed(&std::array::from_fn(light), patch);
             }
         });
     }

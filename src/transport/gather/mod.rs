@@ -25,7 +25,7 @@ use self::direct::Direct;
 use self::patches::Patches;
 use self::rays::Rays;
 use self::receivers::Receivers;
-use self::rows::{BLOCK, Term};
+use self::rows::{BLOCK, Block, Term};
 use self::samples::SampleTable;
 use super::bake::NoiseSums;
 use super::conditions::Collected;
@@ -97,10 +97,12 @@ impl<'t, 'a> Gather<'t, 'a> {
     }
 
     /// Bytes held for each light while a lightmap of `texels` texels is gathered on `threads` threads.
-    pub fn bytes_per_light(texels: usize, threads: usize) -> usize {
-        // A bfloat16 a texel, three where the light is coloured; per patch three of all its light, and while the block of the
-        // light is bounced the direct light, three channels of what has bounced once, and two rows of the iteration.
-        let light = 3 * 2 * texels + (3 * 2 + 3 * 2 + 3 * 4 + 2 * 3 * 2) * Patches::most(texels);
+    pub fn bytes_per_light(texels: usize, max_bounces: u32, threads: usize) -> usize {
+        // A bfloat16 a texel, three where the light is coloured; per patch three of all its light, for each number of near hits
+        // that is told, and while the block of the light is bounced the direct light, three channels of what has bounced once,
+        // and the rows of the iteration.
+        let told = bounce::near_hits_told(max_bounces);
+        let light = 3 * 2 * texels + (told * 3 * 2 + 3 * 2 + 3 * 4 + (told + 1) * 3 * 2) * Patches::most(texels);
         // The sums of some texels.
         light + threads * TEXELS[1] * 2 * 3 * size_of::<f32>()
     }
@@ -122,7 +124,7 @@ impl<'t, 'a> Gather<'t, 'a> {
 
     pub fn gatherer<'w>(&self, walk: &Walk<'w, 'a>, set: &'w LightSet) -> Gatherer<'w, 'a> {
         Gatherer {
-            rays: Rays::new(walk, set, self.direct.light.columns()),
+            rays: Rays::new(walk, set, self.direct.light.columns(), self.bounced.light.len()),
             set,
             receivers: Receivers::default(),
             sums: Vec::new(),
@@ -173,15 +175,17 @@ impl<'t, 'a> Gather<'t, 'a> {
         mut visit: impl FnMut(usize, &Range<usize>, [&[f32]; 2]),
     ) {
         for columns in self.direct.light.blocks() {
-            let (patches, direct) = (self.bounced.light.block(&columns), self.direct.light.block(&columns));
+            let direct = self.direct.light.block(&columns);
+            let patches: Vec<Block> = self.bounced.light.iter().map(|light| light.block(&columns)).collect();
             let width = columns.len();
             for texel in texels.clone() {
                 let (mut all, mut first_half) = ([0f32; 3 * BLOCK], [0f32; 3 * BLOCK]);
                 let all = &mut all[..3 * width];
                 for half in 0..2 {
                     let account = 2 * (texel - texels.start) + half;
-                    patches.add(&gatherer.rays.found[account].patches, all);
-                    direct.add(&gatherer.rays.found[account].texels, all);
+                    let found = &gatherer.rays.found[account];
+                    patches.iter().zip(&found.patches).for_each(|(patches, terms)| patches.add(terms, all));
+                    found.texels.iter().for_each(|terms| direct.add(terms, all));
                     if let Some(traced) = gatherer.rays.traced_for(account) {
                         for (sums, traced) in all.chunks_exact_mut(width).zip(traced.chunks_exact(traced.len() / 3)) {
                             sums.iter_mut().zip(&traced[columns.start..]).for_each(|(sum, traced)| *sum += traced);

@@ -26,17 +26,25 @@ pub struct Rays<'w, 'a> {
     sums: LightSums<'w, 'a>,
     /// Of light: one a light, one for emission where it is asked for, and what fills the last line.
     columns: usize,
+    /// From 1, where it does not matter how many, to NEAR_HITS_TOLD.
+    near_hits_told: usize,
     sent: u64,
 }
 
-/// What rays read, weighted with what is reflected of it on the way.
+/// What rays read, weighted with what is reflected of it on the way: of rays that had met no near hit before, one, and more.
 #[derive(Default)]
 pub struct Found {
     /// All light of a patch.
-    pub patches: Vec<Term>,
+    pub patches: ByNearHits,
     /// The direct light of a texel.
-    pub texels: Vec<Term>,
+    pub texels: ByNearHits,
 }
+
+/// `[near hits of the ray before]`; the last stands for more of them, too.
+pub type ByNearHits = [Vec<Term>; NEAR_HITS_TOLD];
+
+/// Each near hit is a bounce of which the light that the ray reads in the end must have one fewer; three of them are rare.
+pub const NEAR_HITS_TOLD: usize = 3;
 
 /// A ray that goes on from a near hit.
 struct Ray {
@@ -103,9 +111,9 @@ const LEAST_GROUPS: usize = 8;
 const NEAR_CHOICE: u32 = 4;
 
 impl<'w, 'a> Rays<'w, 'a> {
-    pub fn new(walk: &Walk<'w, 'a>, set: &'w LightSet, columns: usize) -> Self {
+    pub fn new(walk: &Walk<'w, 'a>, set: &'w LightSet, columns: usize, near_hits_told: usize) -> Self {
         let sums = LightSums::new(set, walk.tracer);
-        Self { found: vec![], traced: vec![], pending: vec![], unknown: vec![], sums, columns, sent: 0 }
+        Self { found: vec![], traced: vec![], pending: vec![], unknown: vec![], sums, columns, near_hits_told, sent: 0 }
     }
 
     /// Segments of paths and shadow rays so far.
@@ -117,8 +125,7 @@ impl<'w, 'a> Rays<'w, 'a> {
     pub fn open(&mut self, count: usize) {
         self.found.resize_with(count, Found::default);
         for found in &mut self.found {
-            found.patches.clear();
-            found.texels.clear();
+            found.patches.iter_mut().chain(&mut found.texels).for_each(Vec::clear);
         }
         self.traced.clear();
     }
@@ -208,6 +215,7 @@ impl<'w, 'a> Rays<'w, 'a> {
             self.unknown.extend(lanes(lit_anew & hits.hit).map(|lane| unknown(lane, Kind::Met)));
         }
         let read = if carried.last { 0 } else { hits.hit };
+        let near_hits = (carried.bounce as usize).min(self.near_hits_told - 1);
         for lane in lanes(read) {
             let hit = hits.get(lane);
             let account = carried.account[lane];
@@ -220,10 +228,10 @@ impl<'w, 'a> Rays<'w, 'a> {
             let found = &mut self.found[account as usize];
             match place {
                 Place::Patch(row) => {
-                    found.patches.push(Term { row, weight });
+                    found.patches[near_hits].push(Term { row, weight });
                     continue;
                 }
-                Place::Texel(row) => found.texels.push(Term { row, weight }),
+                Place::Texel(row) => found.texels[near_hits].push(Term { row, weight }),
                 Place::Point => self.unknown.push(unknown(lane, Kind::Near)),
             }
             let [position, geometric_normal, normal] = patches.front(&hit);
