@@ -234,9 +234,35 @@ fn bounces_end_where_told() {
     };
     // The same rays read the same rows: equal to f32 rounding of the albedo's multiples.
     assert!((flux(0.8, 1) / flux(0.4, 1) - 2.0).abs() < 1e-3);
-    // Two bounces: a + a² of the flux, but for noise and rounding.
-    let ratio = flux(0.8, 2) / flux(0.8, 1);
-    assert!((ratio - 1.8).abs() < 0.05, "{ratio}");
+}
+
+/// A closed room of albedo a loses no light: of flux Φ, m bounces bring Φ (a + a² + … + aᵐ), whatever the shape. In lightmaps as
+/// coarse as these most rays end near, and none may read light that has bounced more often than it may, or lose what is left of
+/// it. Six seeds: a true law exceeds eight standard errors once in 2,000 runs (Student's t, 5 degrees of freedom). Texels are of a
+/// tenth and a twentieth of a wall: allowed 1 %, which shrinks to 0.1 % at 128² and 0.02 % at 256².
+#[test]
+fn every_bounce_brings_its_flux() {
+    let albedo = 0.8f64;
+    let flux = 4.0 * std::f64::consts::PI * 3.0;
+    for size in [32, 64] {
+        let (asset, lightmap) = room(Material::lambert("grey", Vec3::splat(albedo as f32)), size);
+        let tracer = Tracer::new(&asset);
+        for max_bounces in [1, 2, 3, 5, 12, 100] {
+            let estimates: Vec<f64> = (0..6)
+                .map(|seed| {
+                    let settings = BakeSettings { max_bounces, ..settings(Integrator::Gather, 128, seed) };
+                    let baked = bake(&tracer, &lightmap, &[point(0.2, -0.1, 0.3)], &settings, &Silent).unwrap();
+                    weighted_mean(&baked, &lightmap, 0) as f64
+                })
+                .collect();
+            let (mean, error) = mean_and_error(&estimates);
+            let expected = flux / 24.0 * (1..=max_bounces as i32).map(|j| albedo.powi(j)).sum::<f64>();
+            let allowed = 8.0 * error + 0.01 * expected;
+            let told = format!("{size}², {max_bounces} bounces: {mean} ± {error} instead of {expected}");
+            assert!((mean - expected).abs() < allowed, "{told}");
+            assert!((mean * 1.035 - expected).abs() > allowed, "3.5 percent more would not be told: {told}");
+        }
+    }
 }
 
 /// What a surface near a texel is lit with by a sky is in part found by the ray that leaves it, and so after the last bounce,

@@ -63,8 +63,11 @@ impl BakeSettings {
         // Light table, colours and their doubles; per thread the sums of each light and the first half's row.
         let lights_bytes = lights * (128 + threads * 4 * size_of::<Rgb>());
         let noise = (tile / CHUNK + 2 + threads) * 2 * size_of::<f64>();
-        let gather =
-            if self.integrator == Integrator::Path { 0 } else { lights * Gather::bytes_per_light(texels, self.max_bounces, threads) };
+        let gather = if self.integrator == Integrator::Path {
+            0
+        } else {
+            lights * Gather::bytes_per_light(texels, self.max_bounces, threads)
+        };
         tile * row + threads * row + lights_bytes + noise + gather
     }
 

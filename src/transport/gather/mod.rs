@@ -124,7 +124,7 @@ impl<'t, 'a> Gather<'t, 'a> {
 
     pub fn gatherer<'w>(&self, walk: &Walk<'w, 'a>, set: &'w LightSet) -> Gatherer<'w, 'a> {
         Gatherer {
-            rays: Rays::new(walk, set, self.direct.light.columns(), self.bounced.light.len()),
+            rays: Rays::new(walk, set, self.direct.light.columns(), self.bounced.light.len() > 1),
             set,
             receivers: Receivers::default(),
             sums: Vec::new(),
@@ -186,7 +186,7 @@ impl<'t, 'a> Gather<'t, 'a> {
                     let found = &gatherer.rays.found[account];
                     patches.iter().zip(&found.patches).for_each(|(patches, terms)| patches.add(terms, all));
                     found.texels.iter().for_each(|terms| direct.add(terms, all));
-                    if let Some(traced) = gatherer.rays.traced_for(account) {
+                    for (_, traced) in gatherer.rays.traced_for(account) {
                         for (sums, traced) in all.chunks_exact_mut(width).zip(traced.chunks_exact(traced.len() / 3)) {
                             sums.iter_mut().zip(&traced[columns.start..]).for_each(|(sum, traced)| *sum += traced);
                         }

@@ -183,9 +183,9 @@ impl<'t, 'a> Patches<'t, 'a> {
 
     /// Where a ray along `direction` that met `hit` reads its light, and the diffuse reflectance there. `jitter` in [0, 1)²
     /// picks among the texels or patches around the hit with their bilinear weights, so that lookups are interpolated in the
-    /// mean. None where the lightmap does not tell: on the back of a surface.
+    /// mean. Unless `tell_near`, its patch stands for any hit. None where the lightmap does not tell: on the back of a surface.
     #[inline]
-    pub fn find(&self, hit: &Hit, direction: Vec3, jitter: [f32; 2]) -> Option<(Place, Rgb)> {
+    pub fn find(&self, hit: &Hit, direction: Vec3, jitter: [f32; 2], tell_near: bool) -> Option<(Place, Rgb)> {
         let triangle = &self.triangles[hit.triangle as usize];
         if triangle.normal.dot(direction) >= 0.0 {
             return None;
@@ -194,9 +194,9 @@ impl<'t, 'a> Patches<'t, 'a> {
         let offset = Vec2::from_array(jitter) - 0.5;
         let side = self.side as f32;
         // A jittered point off the chart falls back to the place itself.
-        let place = if hit.t < CLOSE * triangle.texel_side {
+        let place = if tell_near && hit.t < CLOSE * triangle.texel_side {
             Place::Point
-        } else if hit.t < NEAR * side * triangle.texel_side {
+        } else if tell_near && hit.t < NEAR * side * triangle.texel_side {
             let on_chart = |t: &u32| self.chart_of_texel[*t as usize] == triangle.chart;
             Place::Texel(self.texel_at(at + offset).filter(on_chart).or_else(|| self.texel_at(at))?)
         } else {

@@ -19,15 +19,15 @@ use crate::transport::{LightSums, Walk};
 pub struct Rays<'w, 'a> {
     /// Per account, what its rays read.
     pub found: Vec<Found>,
-    /// Light that was path traced, by account, `[channel][column]`; few accounts have any.
-    pub traced: Vec<(u32, Vec<f32>)>,
+    /// Light that was path traced, `[channel][column]`, by account and near hits of the ray before; few accounts have any.
+    traced: Vec<(u32, u32, Vec<f32>)>,
     pending: Vec<Ray>,
     unknown: Vec<Unknown>,
     sums: LightSums<'w, 'a>,
     /// Of light: one a light, one for emission where it is asked for, and what fills the last line.
     columns: usize,
-    /// From 1, where it does not matter how many, to NEAR_HITS_TOLD.
-    near_hits_told: usize,
+    /// Whether near hits are told apart.
+    tells_near_hits: bool,
     sent: u64,
 }
 
@@ -40,11 +40,12 @@ pub struct Found {
     pub texels: ByNearHits,
 }
 
-/// `[near hits of the ray before]`; the last stands for more of them, too.
-pub type ByNearHits = [Vec<Term>; NEAR_HITS_TOLD];
+/// `[near hits of the ray before]`: each is a bounce, and the light that is read after it must have one fewer.
+pub type ByNearHits = [Vec<Term>; MOST_NEAR_HITS + 1];
 
-/// Each near hit is a bounce of which the light that the ray reads in the end must have one fewer; three of them are rare.
-pub const NEAR_HITS_TOLD: usize = 3;
+/// A ray goes on from so many near hits at most; the next reads all light of its patch, however near it is. On the Cornell box
+/// the bias is that with sixteen, with one it is a third higher.
+pub const MOST_NEAR_HITS: usize = 2;
 
 /// A ray that goes on from a near hit.
 struct Ray {
@@ -98,9 +99,6 @@ struct Carried {
     last: bool,
 }
 
-/// Near hits after which a ray ends; each reflects less of it.
-const MOST_NEAR_HITS: u32 = 16;
-
 /// Of how many hits that are to be lit anew, at most, one is lit for all: they lie within a texel of each other.
 const LARGEST_GROUP: usize = 8;
 
@@ -111,9 +109,18 @@ const LEAST_GROUPS: usize = 8;
 const NEAR_CHOICE: u32 = 4;
 
 impl<'w, 'a> Rays<'w, 'a> {
-    pub fn new(walk: &Walk<'w, 'a>, set: &'w LightSet, columns: usize, near_hits_told: usize) -> Self {
+    pub fn new(walk: &Walk<'w, 'a>, set: &'w LightSet, columns: usize, tells_near_hits: bool) -> Self {
         let sums = LightSums::new(set, walk.tracer);
-        Self { found: vec![], traced: vec![], pending: vec![], unknown: vec![], sums, columns, near_hits_told, sent: 0 }
+        Self {
+            found: vec![],
+            traced: vec![],
+            pending: vec![],
+            unknown: vec![],
+            sums,
+            columns,
+            tells_near_hits,
+            sent: 0,
+        }
     }
 
     /// Segments of paths and shadow rays so far.
@@ -162,15 +169,15 @@ impl<'w, 'a> Rays<'w, 'a> {
 
     /// Sends on the rays that met something near, and path traces what the lightmap does not know. `samples` are an account's.
     pub fn finish<'s>(&mut self, walk: &Walk<'_, 'a>, patches: &Patches, samples: impl Fn(usize) -> Samples<'s>) {
-        let last = MOST_NEAR_HITS.min(walk.max_bounces);
-        for bounce in 1..=last {
+        for bounce in 1..=(MOST_NEAR_HITS as u32).min(walk.max_bounces) {
             let mut rays = std::mem::take(&mut self.pending);
-            if bounce == last {
+            let last = bounce == walk.max_bounces;
+            if last {
                 // These end here, but what was lit anew still misses what its rays would meet by themselves.
                 rays.retain(|ray| ray.lit_anew);
             }
             for rays in rays.chunks(LANES) {
-                let (departure, carried) = gathered(rays, bounce, bounce == last);
+                let (departure, carried) = gathered(rays, bounce, last);
                 let active = ((1u64 << rays.len()) - 1) as u32;
                 self.trace(walk, patches, &departure, &carried, active, |lane| {
                     samples(carried.account[lane] as usize).following(carried.point[lane] as usize, bounce)
@@ -215,12 +222,13 @@ impl<'w, 'a> Rays<'w, 'a> {
             self.unknown.extend(lanes(lit_anew & hits.hit).map(|lane| unknown(lane, Kind::Met)));
         }
         let read = if carried.last { 0 } else { hits.hit };
-        let near_hits = (carried.bounce as usize).min(self.near_hits_told - 1);
+        let near_hits = self.near_hits(carried.bounce) as usize;
+        let tell_near = (carried.bounce as usize) < MOST_NEAR_HITS;
         for lane in lanes(read) {
             let hit = hits.get(lane);
             let account = carried.account[lane];
             let [j0, j1, u0, u1] = following(lane);
-            let Some((place, albedo)) = patches.find(&hit, departure.direction(lane), [j0, j1]) else {
+            let Some((place, albedo)) = patches.find(&hit, departure.direction(lane), [j0, j1], tell_near) else {
                 self.unknown.push(unknown(lane, Kind::Back));
                 continue;
             };
@@ -248,11 +256,18 @@ impl<'w, 'a> Rays<'w, 'a> {
         }
     }
 
+    /// Of a ray that has bounced so often, as far as they are told.
+    fn near_hits(&self, bounce: u32) -> u32 {
+        if self.tells_near_hits { bounce } else { 0 }
+    }
+
     /// Light that the lightmap does not know, account by account.
     fn trace_unknown<'s>(&mut self, walk: &Walk<'_, 'a>, samples: impl Fn(usize) -> Samples<'s>) {
         // In an order that tells nothing of which rays were traced together.
-        self.unknown.sort_by_key(|u| (u.account, u.kind, u.bounce, u.point));
-        for of_account in self.unknown.chunk_by(|a, b| a.account == b.account) {
+        let tells = self.tells_near_hits;
+        let key = |u: &Unknown| (u.account, if tells { u.bounce } else { 0 });
+        self.unknown.sort_by_key(|u| (key(u), u.kind, u.bounce, u.point));
+        for of_account in self.unknown.chunk_by(|a, b| key(a) == key(b)) {
             let samples = samples(of_account[0].account as usize);
             self.sums.clear();
             let (other, near) = of_account.split_at(of_account.partition_point(|u| u.kind != Kind::Near));
@@ -270,15 +285,17 @@ impl<'w, 'a> Rays<'w, 'a> {
                     *emission = sums.emission[channel];
                 }
             }
-            self.traced.push((of_account[0].account, light));
+            let (account, near_hits) = key(&of_account[0]);
+            self.traced.push((account, near_hits, light));
         }
         self.unknown.clear();
     }
 
-    /// Light that was path traced for an account.
-    pub fn traced_for(&self, account: usize) -> Option<&[f32]> {
-        let at = self.traced.binary_search_by_key(&(account as u32), |t| t.0).ok()?;
-        Some(&self.traced[at].1)
+    /// Light that was path traced for an account, and the near hits of the rays before that brought it.
+    pub fn traced_for(&self, account: usize) -> impl Iterator<Item = (usize, &[f32])> {
+        let first = self.traced.partition_point(|t| (t.0 as usize) < account);
+        let of_account = self.traced[first..].iter().take_while(move |t| t.0 as usize == account);
+        of_account.map(|(_, near_hits, light)| (*near_hits as usize, &light[..]))
     }
 }
 
