@@ -107,17 +107,16 @@ impl Bounced {
         let (told, bounces) = if tells { (told, most) } else { (1, bounces_until_faded(&received, most)) };
         let mut light: Vec<Rows> = (0..told).map(|_| Rows::new(patches.len(), 3, direct.light.columns())).collect();
         let mut solver = Solver::new(&received, patches, bounces, told);
-        let mut outs: Vec<_> = light.iter_mut().map(|rows| rows.blocks_mut().into_iter()).collect();
-        for columns in direct.light.blocks() {
+        let mut outs: Vec<Vec<&mut [Line]>> = light.iter_mut().map(Rows::blocks_mut).collect();
+        for (block, columns) in direct.light.blocks().enumerate() {
             if progress.cancelled() {
                 return Err(BakeError::Cancelled);
             }
             solver.solve(direct.light.block(&columns), columns.start);
-            outs.iter_mut()
-                .enumerate()
-                .for_each(|(k, out)| out.next().into_iter().for_each(|out| solver.write(k, out)));
+            for (ago, out) in outs.iter_mut().enumerate() {
+                solver.write(ago, out[block]);
+            }
         }
-        drop(outs);
         Ok(Self { light, rays })
     }
 }
@@ -290,9 +289,9 @@ impl<'s, 't, 'a> Solver<'s, 't, 'a> {
         let told = self.light.len() - 1;
         for bounce in 0..self.bounces as usize {
             // A ray that has met k near hits reads what had bounced k times fewer. b, too, is whole after as many bounces.
-            let [after, before @ ..] = &mut self.light[..] else { unreachable!("two at least") };
+            let (after, before) = self.light.split_at_mut(1);
             let before: Vec<Block> = before.iter().take(bounce).map(|light| Block::new(light, 3, width)).collect();
-            let once = self.once.par_chunks_mut(row).zip(after.par_chunks_mut(size)).zip(received).enumerate();
+            let once = self.once.par_chunks_mut(row).zip(after[0].par_chunks_mut(size)).zip(received).enumerate();
             once.with_min_len(LEAST_PATCHES).for_each(|(patch, ((once, after), received))| {
                 if bounce == 0 {
                     once.fill(0.0);
