@@ -3,11 +3,11 @@
 //! I is T × 3N values, in memory or in a folder of shards ([`folder`]); either way it is walked a few texels at a time.
 
 pub mod build;
+pub mod bytes;
 pub mod contrast;
 pub mod error;
 pub mod folder;
 pub mod manifest;
-pub mod bytes;
 pub mod rendered;
 mod roots;
 mod select;

@@ -1,6 +1,9 @@
 //! Indirect light between patches: E = b + G E, where b is what the patches reflect to each other of the direct light, and
 //! G gathers what they reflect of the indirect light (Goral et al., *Modeling the Interaction of Light Between Diffuse
 //! Surfaces*, 1984; G sampled by rays instead of integrated). Solved by Jacobi iterations for all lights at once.
+//!
+//! A ray may meet near hits before it reads a patch, each of which is a bounce. Where bounces end before light has faded, what
+//! rays tell is kept apart by their number: E_m = Σ_k b_k + G_k E_(m−1−k) is light that has bounced m times at most.
 
 use rayon::prelude::*;
 
@@ -43,7 +46,7 @@ const PATCH_STREAM: u64 = 0x0070_6174_6368;
 
 /// Paths of a texel for each ray of a patch: what patches send each other meets in many texels. On the Cornell box the error
 /// with 2 is that with 1; with 4 it is 1 % of itself higher.
-pub const PATHS_PER_RAY: u32 = 2;
+const PATHS_PER_RAY: u32 = 2;
 
 /// Rays of a patch for each that carries light which has bounced before: it is a smaller part of all, and smoother.
 const RAYS_PER_LATER_RAY: usize = 4;
@@ -51,8 +54,8 @@ const RAYS_PER_LATER_RAY: usize = 4;
 /// Light that has faded to this share of the first bounce's is not bounced on.
 const FADED: f32 = 1e-3;
 
-/// Where the last bounce brings less than this share of all bounced light, near hits are not counted among the bounces of a ray: it
-/// would cost the Cornell box with 8 bounces a seventh of its time, and take a mean of 0.3 % off the light.
+/// Where the last bounce brings less than this share of all bounced light, near hits are not counted among the bounces of a ray:
+/// it would cost the Cornell box with 8 bounces a seventh of its time, and take a mean of 0.3 % off the light.
 const WORTH_TELLING: f64 = 0.01;
 
 /// With so many bounces the last is taken not to bring as much.
@@ -126,8 +129,15 @@ pub fn near_hits_told(max_bounces: u32) -> usize {
     if max_bounces >= MANY_BOUNCES { 1 } else { MOST_NEAR_HITS + 1 }
 }
 
+/// Bytes of what `patches` patches receive where a texel has `paths` paths.
+pub fn operator_bytes(patches: usize, paths: usize) -> usize {
+    let rays = (paths / PATHS_PER_RAY as usize).max(1);
+    // A ray of a patch ends in a patch, and may have read a texel before; some are noted twice.
+    patches * (size_of::<Received>() + (2 * rays + later_rays(rays)) * size_of::<Term>())
+}
+
 /// Of `count` rays of a patch, how many carry light that has bounced before: whole lanes.
-pub fn later_rays(count: usize) -> usize {
+fn later_rays(count: usize) -> usize {
     (count / RAYS_PER_LATER_RAY).next_multiple_of(LANES).min(count)
 }
 

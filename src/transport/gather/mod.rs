@@ -4,7 +4,7 @@
 //! 2. *Bounce* (`bounce.rs`): indirect light between patches of texels, by Jacobi iterations.
 //! 3. *Final gather* (here, its rays in `rays.rs`): rays from every texel, which read at their hits the whole light of the
 //!    patch there. A hit so near that its patch would show reads the direct light of its texel instead, and the ray goes on
-//!    (Reichert, *A Two-Pass Radiosity Method Driven by Lights and Viewer Position*, 1992).
+//!    (Reichert, *A Two-Pass Radiosity Method Driven by Lights and Viewer Position*, 1992), twice at most.
 //!
 //! Steps 2 and 3 cost little more than a ray and a row of vector operations for all conditions together. Lookups are
 //! interpolated between texels and between patches; what is left is a bias that shrinks with the texels. What the lightmap
@@ -25,7 +25,7 @@ use self::direct::Direct;
 use self::patches::Patches;
 use self::rays::Rays;
 use self::receivers::Receivers;
-use self::rows::{BLOCK, Block, Term};
+use self::rows::{BLOCK, Block};
 use self::samples::SampleTable;
 use super::bake::NoiseSums;
 use super::conditions::Collected;
@@ -109,10 +109,7 @@ impl<'t, 'a> Gather<'t, 'a> {
 
     /// Bytes held however many lights there are: sample tables, the patches' operator, where texels and patches lie.
     pub fn bytes_fixed(texels: usize, paths: usize) -> usize {
-        // A ray of a patch ends in a patch, and may have read a texel before; some are noted twice.
-        let rays = (paths / bounce::PATHS_PER_RAY as usize).max(1);
-        let terms = (2 * rays + bounce::later_rays(rays)) * Patches::most(texels) * size_of::<Term>();
-        2 * SampleTable::bytes(paths) + terms + 32 * texels
+        2 * SampleTable::bytes(paths) + bounce::operator_bytes(Patches::most(texels), paths) + 32 * texels
     }
 
     /// How many texels to gather together.

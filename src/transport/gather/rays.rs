@@ -291,7 +291,7 @@ impl<'w, 'a> Rays<'w, 'a> {
         self.unknown.clear();
     }
 
-    /// Light that was path traced for an account, and the near hits of the rays before that brought it.
+    /// Light that was path traced for an account, `[channel][column]`, with the near hits before of the rays that brought it.
     pub fn traced_for(&self, account: usize) -> impl Iterator<Item = (usize, &[f32])> {
         let first = self.traced.partition_point(|t| (t.0 as usize) < account);
         let of_account = self.traced[first..].iter().take_while(move |t| t.0 as usize == account);
