@@ -246,7 +246,8 @@ fn bounces_end_where_told() {
 /// A closed room of albedo a loses no light: of flux Φ, m bounces bring Φ (a + a² + … + aᵐ), whatever the shape. In lightmaps as
 /// coarse as these most rays end near, and none may read light that has bounced more often than it may, or lose what is left of
 /// it. Six seeds: a true law exceeds eight standard errors once in 2,000 runs (Student's t, 5 degrees of freedom). Texels are of a
-/// tenth and a twentieth of a wall: allowed 1 %, which shrinks to 0.1 % at 128² and 0.02 % at 256².
+/// tenth and a twentieth of a wall: allowed 1 %; what is seen of it with one bounce is 0.1 % at
+/// 128² and 0.02 % at 256².
 #[test]
 fn every_bounce_brings_its_flux() {
     let albedo = 0.8f64;

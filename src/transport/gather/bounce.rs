@@ -3,7 +3,7 @@
 //! Surfaces*, 1984; G sampled by rays instead of integrated). Solved by Jacobi iterations for all lights at once.
 //!
 //! A ray may meet near hits before it reads a patch, each of which is a bounce. Where bounces end before light has faded, what
-//! rays tell is kept apart by their number: E_m = Σ_k b_k + G_k E_(m−1−k) is light that has bounced m times at most.
+//! rays tell is kept apart by their number: E_m = Σ_k (b_k + G_k E_(m−1−k)) is light that has bounced m times at most.
 
 use rayon::prelude::*;
 
